@@ -1,0 +1,63 @@
+"""railjax: a differentiable simulator of the lateral dynamics of rail vehicles, on JAX.
+
+    import railjax
+
+    railjax.use_double_precision()
+    coach = railjax.load_vehicle("coach")
+    print(railjax.linear_critical_speed(coach) * 3.6, "km/h")
+
+Importing it changes no JAX configuration and starts no backend.
+"""
+
+from .channels import CHANNELS
+from .dampers import PassiveDamper
+from .errors import InputError, NumericalError
+from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
+from .lanes import use_all_cores
+from .linear import Stability, linear_critical, linear_critical_speed
+from .modes import Modes, RootLocus, modes, root_locus
+from .motion import matrices, state_matrix, track_matrix
+from .precision import use_double_precision
+from .simulate import Result, Simulation, simulate
+from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
+from .vehicle import Vehicle, get_parameter, parameters, replace, set_parameter
+from .vehicle_files import load_vehicle, packaged_vehicles
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "CHANNELS",
+    "BumpTrack",
+    "InputError",
+    "Modes",
+    "NumericalError",
+    "PassiveDamper",
+    "Result",
+    "RootLocus",
+    "Simulation",
+    "SinusoidTrack",
+    "SpeedProfile",
+    "Stability",
+    "TangentTrack",
+    "Vehicle",
+    "alignment",
+    "contact_ellipse",
+    "creep_coefficients",
+    "get_parameter",
+    "kalker_coefficients",
+    "linear_critical",
+    "linear_critical_speed",
+    "load_vehicle",
+    "matrices",
+    "modes",
+    "packaged_vehicles",
+    "parameters",
+    "replace",
+    "root_locus",
+    "set_parameter",
+    "simulate",
+    "state_matrix",
+    "track_matrix",
+    "use_all_cores",
+    "use_double_precision",
+]

@@ -1,0 +1,69 @@
+"""What can be recorded of a simulation: names, units, and how each is read off the vehicle's `Motion`."""
+
+import difflib
+from collections.abc import Callable
+from typing import NamedTuple
+
+from jaxtyping import Array, Float
+
+from .deflections import UNITS
+from .errors import InputError
+from .motion import Motion
+
+Values = Float[Array, "..."]
+
+
+class Channel(NamedTuple):
+    """A recordable quantity: `read` gives (*lanes), (n, *lanes) or (n, m, *lanes) as `part` is carbody, bogie or wheelset."""
+
+    unit: str
+    part: str
+    read: Callable[[Motion], Values]
+
+
+def _coordinate(group: str, order: int) -> Callable[[Motion], Values]:
+    return lambda instant: instant[order][group]
+
+
+def _coordinates() -> dict[str, Channel]:
+    channels = {}
+    for group, unit in UNITS.items():
+        part = group.split("_")[0]
+        for order, (suffix, per) in enumerate((("", ""), ("_rate", "/s"), ("_acceleration", "/s^2"))):
+            channels[group + suffix] = Channel(unit + per, part, _coordinate(group, order))
+    return channels
+
+
+CHANNELS: dict[str, Channel] = _coordinates() | {
+    # eq. (5), corrected (reading 1): by the equations of motion it is y_c''
+    "carbody_acceleration": Channel("m/s^2", "carbody", _coordinate("carbody_y", 2)),
+    "secondary_travel": Channel("m", "bogie", lambda instant: instant.deflection["secondary_y"]),
+    "secondary_velocity": Channel("m/s", "bogie", lambda instant: instant.deflection_rate["secondary_y"]),
+    "damper_force": Channel("N", "bogie", lambda instant: instant.damper_force),
+    "primary_travel": Channel("m", "wheelset", lambda instant: instant.deflection["primary_y"]),
+    "alignment": Channel("m", "wheelset", lambda instant: instant.alignment),
+    "wheelset_on_track": Channel("m", "wheelset", lambda instant: instant.deflection["contact_y"] - instant.alignment),
+    # force of the track on the wheelset: creep and flange
+    "guiding_force": Channel("N", "wheelset", lambda instant: -instant.contact.lateral),
+    "flange_force": Channel("N", "wheelset", lambda instant: -instant.contact.flange),
+    "creep_saturation": Channel("1", "wheelset", lambda instant: instant.contact.saturation),
+}
+
+#: how a channel can be summed up over a run without storing it
+REDUCTIONS = ("rms", "mean", "peak")
+
+
+def check_channel(name: str) -> str:
+    """The name itself, or an `InputError` with the nearest one."""
+    if name not in CHANNELS:
+        near = difflib.get_close_matches(name, CHANNELS, n=1, cutoff=0.0)[0]
+        raise InputError(f"unknown channel {name!r}; did you mean {near!r}?")
+    return name
+
+
+def parse_reduction(name: str) -> tuple[str, str]:
+    """ "rms:carbody_acceleration" as its two halves."""
+    how, _, channel = name.partition(":")
+    if how not in REDUCTIONS or not channel:
+        raise InputError(f"unknown reduction {name!r}: write one of {', '.join(r + ':channel' for r in REDUCTIONS)}")
+    return how, check_channel(channel)

@@ -1,0 +1,45 @@
+"""Lateral dampers of the secondary suspension: what takes the place of rho_cy in eq. (6).
+
+A damper is a pytree with two things, and needs no base class:
+
+* `internal_states`: how many states of its own it carries per bogie (0 for a memoryless law);
+* `force(vehicle, travel, velocity, internal)`: the law itself, a pure function. `travel` and `velocity` are Δy_c and Δy_c' of
+  eqs. (7)-(8), shape (n, *lanes), `internal` is (states, n, *lanes). Returns the force of one bogie's dampers in N, positive
+  along `velocity` when it resists, and the rate of the internal states.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import jax
+from jaxtyping import Array, Float
+
+from .typing import Number
+from .vehicle import Vehicle
+
+Bogies = Float[Array, "..."]
+
+
+class Damper(Protocol):
+    """What `simulate` asks of a damper."""
+
+    internal_states: ClassVar[int]
+
+    def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
+        """Force of one bogie's dampers, N, and the rate of their internal states."""
+        ...
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class PassiveDamper:
+    """Linear dampers, 2 rho Δy_c' per bogie; `damping` in N s/m per side, by default the vehicle's own rho_cy."""
+
+    damping: Number = None
+
+    internal_states: ClassVar[int] = 0
+
+    def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
+        """F_d = 2 rho_cy Δy_c' (eq. 1's dissipation function)."""
+        damping = vehicle.secondary.damping_y if self.damping is None else self.damping
+        return 2.0 * damping * velocity, internal

@@ -1,0 +1,134 @@
+"""Coordinates and linear kinematics: how far each element is deflected. The only place where geometry enters.
+
+Order of q: car body y_c, psi_c, phi_c; bogies y_b (n), psi_b (n), phi_b (n); wheelsets y (n·m), psi (n·m), leading ones
+first; coordinates of held bodies are left out. A state is x = [q, q', internal states of the dampers], coordinates
+along the leading axis; any trailing axes are lanes of a batch.
+"""
+
+from collections.abc import Callable, Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .vehicle import Vehicle
+
+#: coordinates by name; car body (*lanes), bogies (n, *lanes), wheelsets (n, m, *lanes)
+Groups = dict[str, Float[Array, "..."]]
+
+#: group of coordinates -> unit
+UNITS = {
+    "carbody_y": "m",
+    "carbody_psi": "rad",
+    "carbody_phi": "rad",
+    "bogie_y": "m",
+    "bogie_psi": "rad",
+    "bogie_phi": "rad",
+    "wheelset_y": "m",
+    "wheelset_psi": "rad",
+}
+
+
+def layout(vehicle: Vehicle) -> dict[str, tuple[int, ...]]:
+    """Shape of each group of free coordinates, in the order of q."""
+    n, m = len(vehicle.geometry.bogie_pattern), len(vehicle.geometry.axle_pattern)
+    shapes: dict[str, tuple[int, ...]] = {}
+    if not vehicle.carbody.held:
+        shapes |= {name: () for name in UNITS if name.startswith("carbody")}
+    if not vehicle.bogie.held:
+        shapes |= {name: (n,) for name in UNITS if name.startswith("bogie")}
+    return shapes | {name: (n, m) for name in UNITS if name.startswith("wheelset")}
+
+
+def size(vehicle: Vehicle) -> int:
+    """Number of coordinates: 17 for the coach."""
+    return sum(int(np.prod(shape)) for shape in layout(vehicle).values())
+
+
+def split(vehicle: Vehicle, q: Float[Array, "n *lanes"]) -> Groups:
+    """The flat vector q by groups."""
+    groups, start = {}, 0
+    for name, shape in layout(vehicle).items():
+        stop = start + int(np.prod(shape))
+        groups[name] = q[start:stop].reshape(shape + q.shape[1:])
+        start = stop
+    return groups
+
+
+def join(vehicle: Vehicle, groups: Mapping[str, Float[Array, "..."]]) -> list[Float[Array, "..."]]:
+    """The groups as flat pieces in the order of q, to be concatenated once."""
+    pieces = []
+    for name, shape in layout(vehicle).items():
+        lanes = groups[name].shape[len(shape) :]
+        pieces.append(groups[name].reshape((int(np.prod(shape)), *lanes)))
+    return pieces
+
+
+def labels(vehicle: Vehicle) -> list[str]:
+    """A name for every coordinate, in the order of q: carbody_y, ..., wheelset_y[3]."""
+    names = []
+    for name, shape in layout(vehicle).items():
+        count = int(np.prod(shape))
+        names += [name] if not shape else [f"{name}[{i}]" for i in range(count)]
+    return names
+
+
+def _along(pattern: tuple[float, ...], like: Float[Array, "..."], axes: int) -> Float[Array, "..."]:
+    """A static pattern as a column before `axes` trailing axes, in the dtype of `like`."""
+    return jnp.asarray(np.asarray(pattern).reshape((-1,) + (1,) * axes), like.dtype)
+
+
+def bogie_positions(vehicle: Vehicle, like: Float[Array, "n m *lanes"]) -> Float[Array, "n *lanes"]:
+    """x_j = ±l, longitudinal positions of the bogies ahead of the car body's centre, m."""
+    return _along(vehicle.geometry.bogie_pattern, like, like.ndim - 2) * vehicle.geometry.half_pivot_distance
+
+
+def axle_positions(vehicle: Vehicle, like: Float[Array, "n m *lanes"]) -> Float[Array, "m *lanes"]:
+    """±a, longitudinal positions of the axles ahead of their bogie's centre, m."""
+    return _along(vehicle.geometry.axle_pattern, like, like.ndim - 2) * vehicle.geometry.half_wheelbase
+
+
+def wheelset_positions(vehicle: Vehicle, like: Float[Array, "n m *lanes"]) -> Float[Array, "n m *lanes"]:
+    """s_i = ±l ± a, longitudinal positions of the wheelsets ahead of the car body's centre, m."""
+    return bogie_positions(vehicle, like)[:, None] + axle_positions(vehicle, like)
+
+
+def deflections(vehicle: Vehicle, q: Groups) -> Groups:
+    """Deflection of every element, linear in q (eq. 7 and its like); of q' it gives the rates.
+
+    Secondary suspension (n): lateral  y_c + h_cc phi_c + x_j psi_c - y_b + h_cb phi_b,
+                              longitudinal  d_c (psi_c - psi_b),  vertical  d_c (phi_c - phi_b).
+    Primary (n, m): lateral  y_b + x_k psi_b + h_ob phi_b - y,  longitudinal  d_o (psi_b - psi);  vertical (n)  d_o phi_b.
+    Contact (n, m): y and psi of the wheelset on the track.
+    """
+    geometry = vehicle.geometry
+    y, psi = q["wheelset_y"], q["wheelset_psi"]
+    held = jnp.zeros(y.shape[:1] + y.shape[2:], y.dtype)
+    carbody_y, carbody_psi, carbody_phi, bogie_y, bogie_psi, bogie_phi = (
+        q.get(name, held) for name in ("carbody_y", "carbody_psi", "carbody_phi", "bogie_y", "bogie_psi", "bogie_phi")
+    )
+    deflection = {"contact_y": y, "contact_psi": psi}
+    if not vehicle.carbody.held or not vehicle.bogie.held:
+        lateral_carbody = carbody_y + geometry.carbody_height * carbody_phi + bogie_positions(vehicle, y) * carbody_psi
+        deflection |= {
+            "secondary_y": lateral_carbody - bogie_y + geometry.bogie_to_secondary * bogie_phi,
+            "secondary_x": geometry.half_secondary * (carbody_psi - bogie_psi),
+            "secondary_z": geometry.half_secondary * (carbody_phi - bogie_phi),
+        }
+    if not vehicle.bogie.held:
+        deflection["primary_z"] = geometry.half_primary * bogie_phi
+    lateral_bogie = bogie_y + geometry.bogie_to_primary * bogie_phi
+    deflection["primary_y"] = lateral_bogie[:, None] + axle_positions(vehicle, y) * bogie_psi[:, None] - y
+    deflection["primary_x"] = geometry.half_primary * (bogie_psi[:, None] - psi)
+    return deflection
+
+
+def transposed(vehicle: Vehicle, q: Groups) -> Callable[[Groups], Groups]:
+    """Virtual work: the map from element forces f to generalised forces G^T f, with G = d(deflections)/dq."""
+
+    def generalised(forces: Groups) -> Groups:
+        (groups,) = jax.linear_transpose(lambda groups: deflections(vehicle, groups), q)(forces)
+        return groups
+
+    return generalised

@@ -1,0 +1,113 @@
+"""Batches: the same function over many lanes at once, in chunks that stay in cache, spread over all local devices.
+
+A lane is one simulation of a batch; it lives on the trailing axis of every array that has it.
+"""
+
+import dataclasses
+import os
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, PartitionSpec
+
+from .errors import InputError
+
+#: lanes integrated together on one device: 34 states of 64 lanes are 17 kB, within the first-level cache
+CHUNK = 64
+
+
+def use_all_cores() -> None:
+    """One CPU device per core, so that a batch runs on all of them. Call it before anything is computed.
+
+    Raises `InputError` where JAX has started its backend already: the number of devices is fixed from then on.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    try:
+        jax.config.update("jax_num_cpu_devices", cores)
+    except RuntimeError:
+        if jax.local_device_count("cpu") != cores:
+            raise InputError("railjax.use_all_cores() comes too late: call it before the first computation") from None
+
+
+def own_axes(tree: Any) -> Any:
+    """For each leaf, how many axes it has of its own, before any lanes (a field's `axes` metadata, else 0)."""
+    leaves, structure = jax.tree.flatten(tree)
+    if not dataclasses.is_dataclass(tree):
+        return structure.unflatten([0] * len(leaves))
+    axes: list[int] = []
+    for field in dataclasses.fields(tree):
+        value = getattr(tree, field.name)
+        if field.metadata.get("static"):
+            continue
+        below = jax.tree.leaves(own_axes(value))
+        axes += [field.metadata["axes"]] * len(below) if "axes" in field.metadata else below
+    return structure.unflatten(axes)
+
+
+def count_lanes(trees: Any, axes: Any) -> int | None:
+    """The number of lanes that the leaves share, None if none has any. Raises `InputError` if they disagree."""
+    counts = set()
+    for leaf, own in zip(jax.tree.leaves(trees), jax.tree.leaves(axes), strict=True):
+        shape = jnp.shape(leaf)
+        if len(shape) > own + 1:
+            raise InputError(f"an array of shape {shape} has more than one axis of lanes; flatten the grid first")
+        if len(shape) == own + 1:
+            counts.add(shape[-1])
+    if len(counts) > 1:
+        raise InputError(f"arrays with different numbers of lanes in one batch: {sorted(counts)}")
+    return counts.pop() if counts else None
+
+
+def over_lanes(function: Callable[[Any], Any], trees: Any, axes: Any, lanes: int, chunk: int = CHUNK) -> Any:
+    """`function(trees)` for all lanes: chunk by chunk on every device; each output carries its lanes on the last axis.
+
+    The last chunk is filled up with copies of the last lane, which are dropped.
+    """
+    devices = len(jax.local_devices())
+    chunk = max(1, min(chunk, -(-lanes // devices)))
+    chunks = -(-lanes // (chunk * devices))
+    total = chunk * chunks * devices
+    leaves, structure = jax.tree.flatten(trees)
+    batched = [jnp.ndim(leaf) > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True)]
+    filled = [
+        jnp.pad(leaf, [(0, 0)] * (jnp.ndim(leaf) - 1) + [(0, total - lanes)], mode="edge") if lane else leaf
+        for leaf, lane in zip(leaves, batched, strict=True)
+    ]
+    moved = [_chunked(leaf, devices * chunks, chunk) for leaf, lane in zip(filled, batched, strict=True) if lane]
+    shared = [leaf for leaf, lane in zip(filled, batched, strict=True) if not lane]
+
+    def on_device(shared: list, moved: list) -> Any:
+        def one_chunk(pieces: list) -> Any:
+            here, alike = iter(pieces), iter(shared)
+            return function(structure.unflatten([next(here) if lane else next(alike) for lane in batched]))
+
+        return jax.lax.map(one_chunk, moved)
+
+    if devices > 1:
+        mesh = Mesh(np.array(jax.local_devices()), ("lane",))
+        spread = PartitionSpec("lane")
+        on_device = jax.shard_map(
+            on_device, mesh=mesh, in_specs=(PartitionSpec(), spread), out_specs=spread, check_vma=False
+        )
+    result = on_device(shared, moved)
+    return jax.tree.map(lambda leaf: _joined(leaf)[..., :lanes], result)
+
+
+def _chunked(leaf: jax.Array, chunks: int, chunk: int) -> jax.Array:
+    """(..., chunks * chunk) -> (chunks, ..., chunk)."""
+    return jnp.moveaxis(leaf.reshape((*leaf.shape[:-1], chunks, chunk)), -2, 0)
+
+
+def _joined(leaf: jax.Array) -> jax.Array:
+    """(chunks, ..., chunk) -> (..., chunks * chunk)."""
+    leaf = jnp.moveaxis(leaf, 0, -2)
+    return leaf.reshape((*leaf.shape[:-2], -1))
+
+
+def each_lane(function: Callable[..., Any], trees: tuple, axes: tuple) -> Any:
+    """`function(*trees)` lane by lane (`vmap`), for what is written for a single vehicle."""
+    mapped = jax.tree.map(lambda leaf, own: -1 if jnp.ndim(leaf) > own else None, trees, axes)
+    return jax.vmap(function, in_axes=mapped, out_axes=-1)(*trees)

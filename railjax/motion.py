@@ -1,0 +1,204 @@
+"""Equations of motion: deflections -> element forces -> generalised forces -> accelerations, and what follows from them.
+
+The time simulation, the matrices of eqs. (2)-(4), stability and gradients all go through `motion`.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .contact import ContactForce, contact_force, creepages
+from .dampers import Damper, PassiveDamper
+from .deflections import Groups, deflections, join, size, split, transposed
+from .typing import Scalar
+from .vehicle import Vehicle
+
+#: F_d of eq. (1): the vehicle's own rho_cy
+PASSIVE = PassiveDamper()
+
+
+class Motion(NamedTuple):
+    """All that is known of the vehicle at an instant; what nobody reads is not computed under `jit`."""
+
+    coordinates: Groups  # q
+    rates: Groups  # q'
+    accelerations: Groups  # q''
+    deflection: Groups
+    deflection_rate: Groups
+    contact: ContactForce
+    damper_force: Float[Array, "n *lanes"]  # secondary lateral dampers of a bogie, N
+    internal_rate: Float[Array, "k n *lanes"]  # rate of the dampers' internal states
+    alignment: Float[Array, "n m *lanes"]  # eta_i, m
+    slowness: Scalar  # 1/v, s/m
+
+
+def inertias(vehicle: Vehicle) -> dict[str, Scalar]:
+    """Mass or moment of inertia of each group of coordinates: the diagonal of M."""
+    body, bogie, wheelset = vehicle.carbody, vehicle.bogie, vehicle.wheelset
+    return {
+        "carbody_y": body.mass,
+        "carbody_psi": body.yaw_inertia,
+        "carbody_phi": body.roll_inertia,
+        "bogie_y": bogie.mass,
+        "bogie_psi": bogie.yaw_inertia,
+        "bogie_phi": bogie.roll_inertia,
+        "wheelset_y": wheelset.mass,
+        "wheelset_psi": wheelset.yaw_inertia,
+    }
+
+
+def suspension_forces(vehicle: Vehicle, deflection: Groups, rate: Groups) -> Groups:
+    """Springs and viscous dampers of all elements but the secondary lateral damper, N, positive along the deflection.
+
+    Two elements a side pair everywhere; the bogie's roll works on the springs of all its m axles (4 for two axles).
+    """
+    primary, secondary, geometry = vehicle.primary, vehicle.secondary, vehicle.geometry
+    springs = 2.0 * len(geometry.axle_pattern)
+    roll_bar = secondary.anti_roll_stiffness / geometry.half_secondary**2
+    constants = {
+        "secondary_y": (2.0 * secondary.stiffness_y, 0.0),
+        "secondary_x": (2.0 * secondary.stiffness_x, 2.0 * secondary.damping_x),
+        "secondary_z": (2.0 * secondary.stiffness_z + roll_bar, 2.0 * secondary.damping_z),
+        "primary_x": (2.0 * primary.stiffness_x, 2.0 * primary.damping_x),
+        "primary_y": (2.0 * primary.stiffness_y, 2.0 * primary.damping_y),
+        "primary_z": (springs * primary.stiffness_z, springs * primary.damping_z),
+    }
+    return {
+        name: stiffness * deflection[name] + damping * rate[name]
+        for name, (stiffness, damping) in constants.items()
+        if name in deflection
+    }
+
+
+def motion(
+    vehicle: Vehicle,
+    damper: Damper,
+    slowness: Scalar,
+    alignment: Float[Array, "n m *lanes"],
+    x: Float[Array, "states *lanes"],
+) -> Motion:
+    """Eqs. (2) and (6) at an instant: M q'' = -G^T f(G q, G q', ...), at 1/v = `slowness` (s/m) on the track eta_i (m)."""
+    count = size(vehicle)
+    q, rates = split(vehicle, x[:count]), split(vehicle, x[count : 2 * count])
+    bogies = len(vehicle.geometry.bogie_pattern)
+    internal = x[2 * count :].reshape((damper.internal_states, bogies) + x.shape[1:])
+
+    with jax.named_scope("deflections"):
+        deflection, rate = deflections(vehicle, q), deflections(vehicle, rates)
+    with jax.named_scope("suspension"):
+        forces = suspension_forces(vehicle, deflection, rate)
+    with jax.named_scope("damper"):
+        if "secondary_y" in deflection:
+            damper_force, internal_rate = damper.force(
+                vehicle, deflection["secondary_y"], rate["secondary_y"], internal
+            )
+            forces["secondary_y"] = forces["secondary_y"] + damper_force
+        else:
+            damper_force, internal_rate = jnp.zeros_like(q["wheelset_y"][:, 0]), jnp.zeros_like(internal)
+    with jax.named_scope("contact"):
+        y_rel, psi = deflection["contact_y"] - alignment, deflection["contact_psi"]
+        creepage = creepages(vehicle, slowness, y_rel, psi, rate["contact_y"], rate["contact_psi"])
+        contact = contact_force(vehicle, creepage, y_rel, psi)
+        forces["contact_y"], forces["contact_psi"] = contact.lateral, contact.yaw
+        if vehicle.gyroscopic:
+            spin = gyroscopic_coupling(vehicle, slowness)
+            forces["contact_y"] = forces["contact_y"] - spin * rate["contact_psi"]
+            forces["contact_psi"] = forces["contact_psi"] + spin * rate["contact_y"]
+    with jax.named_scope("accelerations"):
+        generalised = transposed(vehicle, q)(forces)
+        inertia = inertias(vehicle)
+        accelerations = {name: force * (-1.0 / inertia[name]) for name, force in generalised.items()}
+    return Motion(
+        q, rates, accelerations, deflection, rate, contact, damper_force, internal_rate, alignment, slowness
+    )
+
+
+def gyroscopic_coupling(vehicle: Vehicle, slowness: Scalar) -> Scalar:
+    """I_ox (v/r_0)(lambda/e): spin v/r_0 times the roll per lateral displacement of a coned wheelset, N s.
+
+    Rolling makes the wheelset's spin axis follow y (roll = lambda y/e), so yawing pushes sideways and moving sideways
+    yaws: a skew pair that does no work.
+    """
+    wheelset = vehicle.wheelset
+    rolling = 1.0 / (slowness * wheelset.wheel_radius)
+    return wheelset.spin_inertia * rolling * vehicle.contact.conicity / vehicle.geometry.half_gauge
+
+
+def state_rate(vehicle: Vehicle, instant: Motion) -> Float[Array, "states *lanes"]:
+    """x' = [q', q'', rates of the internal states] of a `Motion`."""
+    pieces = join(vehicle, instant.rates) + join(vehicle, instant.accelerations)
+    internal = instant.internal_rate
+    if internal.shape[0]:
+        pieces.append(internal.reshape((-1,) + internal.shape[2:]))
+    return jnp.concatenate(pieces)
+
+
+def state_size(vehicle: Vehicle, damper: Damper) -> int:
+    """Length of x: twice the coordinates and the dampers' internal states."""
+    return 2 * size(vehicle) + damper.internal_states * len(vehicle.geometry.bogie_pattern)
+
+
+def wheelset_shape(vehicle: Vehicle) -> tuple[int, int]:
+    """(n, m): bogies, axles per bogie."""
+    return len(vehicle.geometry.bogie_pattern), len(vehicle.geometry.axle_pattern)
+
+
+def _linear(vehicle: Vehicle) -> Vehicle:
+    return replace(vehicle, contact=replace(vehicle.contact, law="linear"))
+
+
+def state_matrix(
+    vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE, flange: bool = False
+) -> Float[Array, "states states"]:
+    """E of eq. (4): the linearisation x' = E x of straight running with linear creep.
+
+    speed in m/s; order [q, q'] (then the damper's internal states); shape (2n, 2n), 34 x 34 for the coach. With `flange` the
+    flange is held in contact (for the bound on the time step). Differentiable; `vmap` it over speeds and vehicles.
+    """
+    vehicle = _linear(vehicle)
+    if flange:
+        # the flange's spring as a track that gives way: k_f acts on y from zero displacement on
+        closed = replace(vehicle.contact, law="sharp", flange_clearance=0.0)
+        vehicle = replace(vehicle, contact=closed)
+    states = state_size(vehicle, damper)
+    dtype = jnp.result_type(float)
+    alignment = jnp.zeros((*wheelset_shape(vehicle), states), dtype)
+    slowness = 1.0 / jnp.asarray(speed, dtype)
+
+    def rate(x: Float[Array, "states lanes"]) -> Float[Array, "states lanes"]:
+        return state_rate(vehicle, motion(vehicle, damper, slowness, alignment, x))
+
+    # one lane per column of E
+    return jax.jvp(rate, (jnp.zeros((states, states), dtype),), (jnp.eye(states, dtype=dtype),))[1]
+
+
+def track_matrix(vehicle: Vehicle, speed: Scalar) -> Float[Array, "states wheelsets"]:
+    """B of F*(t) = B eta(t), eq. (3): what the alignment eta_i (m) under each wheelset does to x', linear creep."""
+    vehicle = _linear(vehicle)
+    shape = wheelset_shape(vehicle)
+    wheelsets = shape[0] * shape[1]
+    dtype = jnp.result_type(float)
+    x = jnp.zeros((state_size(vehicle, PASSIVE), wheelsets), dtype)
+    unit = jnp.eye(wheelsets, dtype=dtype).reshape((*shape, wheelsets))
+    return state_rate(vehicle, motion(vehicle, PASSIVE, 1.0 / jnp.asarray(speed, dtype), unit, x))
+
+
+class Matrices(NamedTuple):
+    """M, C and K of eq. (2), SI; creep is in C and K, so they depend on the speed."""
+
+    mass: Float[Array, "n n"]
+    damping: Float[Array, "n n"]
+    stiffness: Float[Array, "n n"]
+
+
+def matrices(vehicle: Vehicle, speed: Scalar) -> Matrices:
+    """M, C, K of eq. (2) at a speed (m/s), out of the same functions: K = -M E_21, C = -M E_22."""
+    n = size(vehicle)
+    matrix = state_matrix(vehicle, speed)
+    ones = {name: jnp.ones_like(group) for name, group in split(vehicle, matrix[:n, 0]).items()}
+    diagonal = jnp.concatenate(join(vehicle, {name: inertias(vehicle)[name] * one for name, one in ones.items()}))
+    mass = jnp.diag(diagonal)
+    return Matrices(mass, -mass @ matrix[n:, n:], -mass @ matrix[n:, :n])

@@ -1,0 +1,274 @@
+"""`simulate`: one run or a batch of runs over time, and its result."""
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from .channels import CHANNELS, check_channel, parse_reduction
+from .dampers import Damper
+from .deflections import join, layout
+from .errors import InputError
+from .integrate import STABLE_RADIUS, Plan, fastest_rate, largest_step, run
+from .lanes import CHUNK, count_lanes, each_lane, over_lanes, own_axes
+from .motion import PASSIVE, state_size
+from .track import Speed, SpeedProfile, TangentTrack, Track, check_track
+from .typing import Number
+from .units import KMH
+from .vehicle import Vehicle, structure, without_labels
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Result(IntEnum):
+    """What became of a lane."""
+
+    OK = 0
+    DIVERGED = 1  # a displacement beyond 1 m or 1 rad, or not a number
+    STEP_TOO_LARGE = 2  # dt beyond what RK4 holds at this speed: numbers are not to be used
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Simulation:
+    """Result of `simulate`. Arrays have time first, then bogie or wheelset (n·m), then lanes.
+
+    `channels` holds the recorded time histories, `reductions` the sums over the run ("rms:carbody_acceleration"), `final` the
+    state at the end, `code` a `Result` per lane. Indexing by name reads either.
+    """
+
+    time: Float[Array, "samples"]
+    channels: dict[str, Float[Array, "samples ..."]]
+    reductions: dict[str, Float[Array, "..."]]
+    final: Float[Array, "states ..."]
+    code: Int[Array, "..."]
+    speed: Number
+    dt: Number
+    vehicle_name: str = structure("")
+
+    def __getitem__(self, name: str) -> Float[Array, "..."]:
+        return self.channels[name] if name in self.channels else self.reductions[name]
+
+    @property
+    def ok(self) -> Array:
+        """True where the lane's numbers can be used."""
+        return self.code == Result.OK
+
+    def __str__(self) -> str:
+        shape = self.code.shape
+        duration = float(self.time[-1] + (self.time[1] - self.time[0] if len(self.time) > 1 else 0.0))
+        lanes = f"{shape[0]} lanes, " if shape else ""
+        lines = [f"Simulation of {self.vehicle_name or 'a vehicle'}: {lanes}{duration:g} s in steps of {float(self.dt):g} s"]
+        if not isinstance(self.speed, SpeedProfile):
+            low, high = float(jnp.min(self.speed)) * KMH, float(jnp.max(self.speed)) * KMH
+            lines[0] += f", {low:.1f} km/h" if low == high else f", {low:.1f} to {high:.1f} km/h"
+        for name, values in self.channels.items():
+            peak = float(jnp.nanmax(jnp.abs(values)))
+            lines.append(f"  {name} {tuple(values.shape)}: peak {peak:.4g} {CHANNELS[name].unit}")
+        for name, values in self.reductions.items():
+            low, high = float(jnp.nanmin(values)), float(jnp.nanmax(values))
+            span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+            lines.append(f"  {name}: {span} {CHANNELS[name.split(':')[1]].unit}")
+        for result in Result:
+            count = int(jnp.sum(self.code == result))
+            if result is not Result.OK and count:
+                lines.append(f"  {result.name.lower().replace('_', ' ')}: {count} of {self.code.size} lane(s)")
+        return "\n".join(lines)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """A labelled dataset: dimensions time (s), bogie, wheelset, lane; units in the attributes."""
+        import numpy as np
+        import xarray
+
+        lane = ("lane",) if self.code.ndim else ()
+        variables: dict[str, Any] = {}
+        for name, values in (self.channels | self.reductions).items():
+            how, _, channel = name.rpartition(":")
+            unit, part, _ = CHANNELS[channel]
+            time = () if how else ("time",)
+            inner = (part,) if values.ndim > len(time) + len(lane) else ()
+            variables[name.replace(":", "_")] = ((*time, *inner, *lane), np.asarray(values), {"units": unit})
+        variables["code"] = (lane, np.asarray(self.code), {"meaning": ", ".join(f"{r.value} {r.name.lower()}" for r in Result)})
+        coordinates: dict[str, Any] = {"time": ("time", np.asarray(self.time), {"units": "s"})}
+        if not isinstance(self.speed, SpeedProfile):
+            speed = np.asarray(self.speed)
+            coordinates["speed"] = (lane if speed.ndim else (), speed, {"units": "m/s"})
+        attributes = {"vehicle": self.vehicle_name, "dt": float(self.dt)}
+        return xarray.Dataset(variables, coordinates, attributes)
+
+
+def simulate(
+    vehicle: Vehicle,
+    speed: Speed,
+    *,
+    track: Track | None = None,
+    damper: Damper = PASSIVE,
+    duration: float = 10.0,
+    dt: float = 1e-3,
+    initial: Mapping[str, Any] | Float[Array, "states ..."] | None = None,
+    record: tuple[str, ...] | list[str] = ("carbody_acceleration", "wheelset_y"),
+    sample: float | None = None,
+    reduce: tuple[str, ...] | list[str] = (),
+    settle: float = 0.0,
+    chunk: int = CHUNK,
+) -> Simulation:
+    """Run the vehicle over a track: RK4 with fixed step.
+
+    Arguments (SI): `speed` in m/s, a number or a `SpeedProfile`; `track` (default tangent); `damper` in place of rho_cy (default
+    the vehicle's own); `duration` and `dt` in s; `initial`, a state x of shape (states,) or coordinates by name
+    ({"wheelset_y": 5e-3}; 0 where not given); `record`, channels stored every `sample` seconds (default 10 dt; a multiple of dt)
+    at the instants 0, sample, 2 sample, ...; `reduce`, sums such as "rms:carbody_acceleration" taken over every step after
+    `settle` seconds and not stored. `railjax.CHANNELS` lists the channels.
+
+    A batch: any number in vehicle, speed, track, damper or initial may be an array of one axis of lanes; the others are
+    shared. Lanes run in chunks on all devices (`use_all_cores`). Inside `jax.vmap` or `jax.grad` it works as well.
+
+    A single run whose dt is beyond what RK4 holds raises `InputError`; in a batch (or inside a transformation) such a lane is
+    marked in `code` and the others are kept. Differentiable in forward and reverse mode (checkpointed), but never
+    differentiate a long hunting run: its phase pollutes the gradient.
+    """
+    track = TangentTrack() if track is None else track
+    check_track(track)
+    _check_speed(speed)
+    plan = _plan(vehicle, duration, dt, sample, tuple(record), tuple(reduce), settle)
+    x = initial_state(vehicle, damper, initial)
+    bare = without_labels(vehicle)
+    if isinstance(speed, SpeedProfile):
+        speed = SpeedProfile(jnp.asarray(speed.time, float), jnp.asarray(speed.speed, float))
+    bare, speed, track, damper = jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), (bare, speed, track, damper))
+    result, code = _simulate(bare, damper, speed, track, x, dt, settle, plan, chunk)
+    if not isinstance(code, jax.core.Tracer) and code.ndim == 0 and int(code) == Result.STEP_TOO_LARGE:
+        slowest = jnp.min(speed.speed) if isinstance(speed, SpeedProfile) else speed
+        bound = float(largest_step(bare, slowest, damper))
+        raise InputError(
+            f"dt = {dt:g} s is too large for RK4 at {float(slowest):g} m/s, where creep damping grows as 1/v: use dt <= {bound:.2g} s"
+        )
+    time = jnp.arange(plan.samples) * (plan.every * dt)
+    return Simulation(
+        time, result.records, result.reductions, result.final, code, speed, jnp.asarray(dt), vehicle.name
+    )
+
+
+@functools.partial(jax.jit, static_argnames=("plan", "chunk"))
+def _simulate(vehicle, damper, speed, track, x, dt, settle, plan: Plan, chunk: int):
+    trees = (vehicle, damper, speed, track, x)
+    axes = tuple(own_axes(tree) for tree in trees[:2]) + (
+        jax.tree.map(lambda _: 1, speed) if isinstance(speed, SpeedProfile) else 0,
+        own_axes(track),
+        1,
+    )
+    lanes = count_lanes(trees, axes)
+
+    def one(trees):
+        vehicle, damper, speed, track, x = trees
+        shape = () if lanes is None else jnp.broadcast_shapes(*[_lane_shape(t, a) for t, a in zip(trees, axes, strict=True)])
+        x = jnp.broadcast_to(x.reshape(x.shape + (1,) * (len(shape) + 1 - x.ndim)), (x.shape[0], *shape))
+        result = run(vehicle, damper, speed, track, x, dt, settle, plan)
+        return _wheelsets_flat(result, len(shape))
+
+    result = one(trees) if lanes is None else over_lanes(one, trees, axes, lanes, chunk)
+    slowest = jnp.min(speed.speed) if isinstance(speed, SpeedProfile) else speed
+    checked = (vehicle, slowest, damper)
+    checked_axes = (axes[0], 0, axes[1])
+    bound = fastest_rate if count_lanes(checked, checked_axes) is None else functools.partial(each_lane, fastest_rate)
+    fastest = bound(*checked) if bound is fastest_rate else bound(checked, checked_axes)
+    code = jnp.where(result.diverged, int(Result.DIVERGED), int(Result.OK))
+    code = jnp.where(dt * fastest > STABLE_RADIUS, int(Result.STEP_TOO_LARGE), code)
+    return result, code
+
+
+def _lane_shape(tree: Any, axes: Any) -> tuple[int, ...]:
+    shapes = [jnp.shape(leaf)[own:] for leaf, own in zip(jax.tree.leaves(tree), jax.tree.leaves(axes), strict=True)]
+    return jnp.broadcast_shapes(*shapes) if shapes else ()
+
+
+def _wheelsets_flat(result, lanes: int):
+    """Records and reductions with wheelsets (n, m) as one axis n·m."""
+
+    def flat(name: str, values: Array, lead: int) -> Array:
+        channel = name.rpartition(":")[2]
+        if CHANNELS[channel].part != "wheelset":
+            return values
+        return values.reshape((*values.shape[:lead], -1, *values.shape[values.ndim - lanes :]))
+
+    records = {name: flat(name, values, 1) for name, values in result.records.items()}
+    reductions = {name: flat(name, values, 0) for name, values in result.reductions.items()}
+    return result._replace(records=records, reductions=reductions)
+
+
+def initial_state(
+    vehicle: Vehicle, damper: Damper, initial: Mapping[str, Any] | Float[Array, "states ..."] | None
+) -> Float[Array, "states ..."]:
+    """State x from None (rest), an array, or coordinates and rates by name ({"wheelset_y": 5e-3, "bogie_y_rate": ...})."""
+    states = state_size(vehicle, damper)
+    if initial is None:
+        return jnp.zeros(states)
+    if not isinstance(initial, Mapping):
+        x = jnp.asarray(initial, float)
+        if x.ndim not in (1, 2) or x.shape[0] != states:
+            raise InputError(f"initial must have {states} states along its first axis for this vehicle, not shape {x.shape}")
+        return x
+    shapes = layout(vehicle)
+    known = [name + suffix for name in shapes for suffix in ("", "_rate")]
+    for name in initial:
+        if name not in known:
+            raise InputError(f"initial: unknown coordinate {name!r}; this vehicle has {', '.join(known)}")
+    pieces = []
+    for suffix in ("", "_rate"):
+        groups = {}
+        for name, shape in shapes.items():
+            value = jnp.asarray(initial.get(name + suffix, 0.0), float)
+            try:
+                groups[name] = jnp.broadcast_to(value.reshape(shape) if value.size == math.prod(shape) else value, shape)
+            except ValueError:
+                raise InputError(f"initial: {name}{suffix} needs one value or {math.prod(shape)}") from None
+        pieces += join(vehicle, groups)
+    x = jnp.concatenate(pieces)
+    return jnp.concatenate([x, jnp.zeros(states - x.shape[0], x.dtype)])
+
+
+def _check_speed(speed: Speed) -> None:
+    values = speed.speed if isinstance(speed, SpeedProfile) else speed
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)):
+        return
+    values = jnp.asarray(values, float)
+    if not bool(jnp.all(jnp.isfinite(values) & (values > 0))):
+        raise InputError(f"speed must be positive (m/s), not {float(jnp.min(values)):g}: creepage is a ratio to the speed")
+
+
+def _plan(
+    vehicle: Vehicle, duration: float, dt: float, sample: float | None, record: tuple, reduce: tuple, settle: float
+) -> Plan:
+    for key, value in (("duration", duration), ("dt", dt)):
+        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+            raise InputError(f"{key} must be a positive number of seconds, not {value!r}")
+    if not 0 <= settle < duration:
+        raise InputError(f"settle must lie between 0 and the duration {duration:g} s, not {settle!r}")
+    steps = round(duration / dt)
+    if steps < 1 or abs(steps * dt - duration) > 1e-6 * duration:
+        raise InputError(f"duration {duration:g} s must be a whole number of steps of {dt:g} s")
+    if sample is None:
+        every = next(d for d in range(min(10, steps), 0, -1) if steps % d == 0)
+    else:
+        every = round(sample / dt)
+        if every < 1 or abs(every * dt - sample) > 1e-6 * sample:
+            raise InputError(f"sample {sample:g} s must be a whole number of steps of {dt:g} s")
+        if steps % every:
+            raise InputError(f"duration {duration:g} s must be a whole number of samples of {sample:g} s")
+    shapes = layout(vehicle)
+    parts = {name.split("_")[0] for name in shapes} | ({"bogie"} if "carbody_y" in shapes else set())
+    for name in [check_channel(name) for name in record] + [parse_reduction(name)[1] for name in reduce]:
+        if CHANNELS[name].part not in parts or (name in UNAVAILABLE and len(parts) == 1):
+            raise InputError(f"channel {name!r}: this vehicle's {CHANNELS[name].part} is held")
+    return Plan(steps // every, every, record, reduce)
+
+
+#: channels of the bogie's suspension that a lone wheelset lacks
+UNAVAILABLE = ("secondary_travel", "secondary_velocity", "damper_force")

@@ -1,0 +1,38 @@
+"""Functions with kinks, written so that values and gradients are finite everywhere; the one home for them.
+
+Sharp laws are for reporting, their smooth twins (each with a stated width) for gradients through the kink.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .typing import Scalar
+
+
+def sqrt_of_square(square: Float[Array, "..."]) -> Float[Array, "..."]:
+    """√s for s >= 0 with derivative 0 instead of infinity at s = 0: the norm of a vector whose s = |F|² vanishes.
+
+    Right wherever the norm only enters multiplied by F itself, as in a saturation factor.
+    """
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
+def smooth_norm(square: Float[Array, "..."], width: Scalar) -> Float[Array, "..."]:
+    """√(s + w²) − w: the norm rounded within `width` of zero; infinitely often differentiable, at most w below √s."""
+    return jnp.sqrt(square + width**2) - width
+
+
+def dead_band(x: Float[Array, "..."], half_width: Scalar) -> Float[Array, "..."]:
+    """How far x is outside ±δ (signed): 0 inside, x ∓ δ outside. Kinks at ±δ."""
+    return x - jnp.clip(x, -half_width, half_width)
+
+
+def smooth_ramp(x: Float[Array, "..."], width: Scalar) -> Float[Array, "..."]:
+    """Twin of max(x, 0): (x + √(x² + w²))/2, which is w/2 at x = 0 and within w²/(4|x|) of max(x, 0) elsewhere."""
+    return 0.5 * (x + jnp.sqrt(x**2 + width**2))
+
+
+def smooth_dead_band(x: Float[Array, "..."], half_width: Scalar, width: Scalar) -> Float[Array, "..."]:
+    """Twin of `dead_band`: an odd sum of two smooth ramps, off by at most `width`/2 (at ±δ)."""
+    return smooth_ramp(x - half_width, width) - smooth_ramp(-x - half_width, width)

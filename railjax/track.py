@@ -1,0 +1,125 @@
+"""Tracks: lateral alignment eta (m) over distance (m). Wheelset i sees eta(v t + s_i), delayed by its position.
+
+A track is a pytree with one method, `seen_from(offset)`, that returns eta(start + offset) as a function of `start`: the
+offsets are fixed over a run, so what depends on them alone is computed once.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .errors import InputError
+from .typing import Number, Scalar
+
+Distances = Float[Array, "..."]
+Alignment = Callable[[Distances], Distances]
+
+
+class Track(Protocol):
+    """What `simulate` asks of a track."""
+
+    def seen_from(self, offset: Distances) -> Alignment:
+        """eta(start + offset) as a function of start; both in m, broadcast against each other."""
+        ...
+
+
+def alignment(track: Track, distance: Distances | float) -> Distances:
+    """Lateral alignment eta in m at any distances in m."""
+    distance = jnp.asarray(distance, float)
+    return track.seen_from(jnp.zeros_like(distance))(distance)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class TangentTrack:
+    """Straight, without irregularity."""
+
+    def seen_from(self, offset: Distances) -> Alignment:
+        """eta = 0."""
+        return lambda start: jnp.zeros(jnp.broadcast_shapes(offset.shape, jnp.shape(start)), offset.dtype)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SinusoidTrack:
+    """Periodic irregularity eta = A sin(2 pi s/L): amplitude A and wavelength L in m.
+
+    The paper gives A (5 and 10 mm in figs. 16-18) but not L. Wavelengths of 6 to 60 m are felt by a coach at 50 m/s.
+    """
+
+    amplitude: Number
+    wavelength: Number
+
+    def seen_from(self, offset: Distances) -> Alignment:
+        """A sin(kappa (start + offset)), by the addition theorem: two sines a start, whatever the number of offsets."""
+        wavenumber = 2.0 * jnp.pi / self.wavelength
+        sine, cosine = self.amplitude * jnp.sin(wavenumber * offset), self.amplitude * jnp.cos(wavenumber * offset)
+
+        def at(start: Distances) -> Distances:
+            # materialised, lest the compiler recompute the sines in every place that uses them
+            phase = jax.lax.optimization_barrier((jnp.cos(wavenumber * start), jnp.sin(wavenumber * start)))
+            return phase[0] * sine + phase[1] * cosine
+
+        return at
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class BumpTrack:
+    """A single period fixed in space, tangent to the track at both ends, so that its duration follows the speed.
+
+    eta = A/2 (1 - cos(2 pi (s - start)/L)) for start <= s <= start + L, 0 elsewhere; A is the peak, m. The paper's "single
+    period sinusoid function which considers the irregularity tangent to the track" is read as this.
+    """
+
+    amplitude: Number
+    length: Number
+    start: Number = 20.0
+
+    def seen_from(self, offset: Distances) -> Alignment:
+        """The bump at start + offset."""
+
+        def at(start: Distances) -> Distances:
+            along = jnp.clip((start + offset - self.start) / self.length, 0.0, 1.0)
+            return 0.5 * self.amplitude * (1.0 - jnp.cos(2.0 * jnp.pi * along))
+
+        return at
+
+
+def check_track(track: Track) -> None:
+    """Refuse a wavelength or length that is not positive, where it is known."""
+    for key in ("wavelength", "length"):
+        value = getattr(track, key, None)
+        if value is not None and not isinstance(value, jax.core.Tracer) and not bool(jnp.all(jnp.asarray(value) > 0)):
+            raise InputError(f"track.{key} must be positive (m), not {value}")
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SpeedProfile:
+    """A speed that varies in time: straight lines between (time, speed) points, s and m/s; constant beyond the ends.
+
+    `SpeedProfile([0, 60], [70, 62])` is a slow ramp down.
+    """
+
+    time: Number
+    speed: Number
+
+    def at(self, time: Float[Array, "..."]) -> Float[Array, "..."]:
+        """v(t), m/s."""
+        return jnp.interp(time, jnp.asarray(self.time, float), jnp.asarray(self.speed, float))
+
+    def distance(self, time: Float[Array, "..."]) -> Float[Array, "..."]:
+        """Integral of v from 0 (or the first point, if later) to t, exact, m."""
+        knots, speeds = jnp.asarray(self.time, float), jnp.asarray(self.speed, float)
+        steps = jnp.diff(knots)
+        at_knots = jnp.concatenate([jnp.zeros(1), jnp.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * steps)])
+        last = jnp.clip(jnp.searchsorted(knots, time, side="right") - 1, 0, knots.shape[0] - 1)
+        return at_knots[last] + 0.5 * (speeds[last] + self.at(time)) * (time - knots[last])
+
+
+Speed = Scalar | SpeedProfile

@@ -1,0 +1,11 @@
+"""Names for the annotations used throughout."""
+
+from typing import Any
+
+from jaxtyping import Array, Float
+
+#: What a function accepts as a number: a float, or an array with one value per lane of a batch (trailing axes).
+Scalar = float | int | Float[Array, "..."]
+
+#: The same as a field of a pytree. Not checked: JAX rebuilds pytrees with tracers, placeholders and None.
+Number = Any

@@ -1,0 +1,226 @@
+"""The vehicle: nested parameter pytrees in SI units, with the paper's symbols (Table 1).
+
+Every number is a leaf: a float, or an array with one value per lane of a batch (trailing axis). Structure (how many
+bogies and axles, which bodies are held, which laws act) is static. Nothing is validated here, because JAX rebuilds
+pytrees with tracers and placeholders; `vehicle_files` validates at the file's boundary.
+
+Springs and dampers are per side: a bogie has two secondary corners, a wheelset two axle boxes.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import jax
+
+from .errors import InputError
+from .typing import Number
+
+
+def quantity(unit: str, symbol: str, meaning: str, default: float | None = None, positive: bool = False) -> Any:
+    """A dataclass field that is a differentiable leaf; its metadata feed the file reader, messages and charts."""
+    metadata = {"unit": unit, "symbol": symbol, "meaning": meaning, "positive": positive}
+    return field(metadata=metadata) if default is None else field(default=default, metadata=metadata)
+
+
+def structure(default: Any) -> Any:
+    """A dataclass field that is static: a change of it compiles anew."""
+    return field(default=default, metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class CarBody:
+    """Car body: lateral y_c, yaw psi_c, roll phi_c. Typical: 25 to 45 t."""
+
+    mass: Number = quantity("kg", "m_c", "car body mass", positive=True)
+    roll_inertia: Number = quantity("kg m^2", "I_cx", "car body roll inertia", positive=True)
+    yaw_inertia: Number = quantity("kg m^2", "I_cz", "car body yaw inertia", positive=True)
+    held: bool = structure(False)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Bogie:
+    """Bogie frame: lateral y_b, yaw psi_b, roll phi_b. Typical: 2 to 4 t."""
+
+    mass: Number = quantity("kg", "m_b", "bogie frame mass", positive=True)
+    roll_inertia: Number = quantity("kg m^2", "I_bx", "bogie frame roll inertia", positive=True)
+    yaw_inertia: Number = quantity("kg m^2", "I_bz", "bogie frame yaw inertia", positive=True)
+    held: bool = structure(False)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Wheelset:
+    """Wheelset: lateral y_i, yaw psi_i. Table 1 lists I_oy and I_ox; they are the yaw and the spin inertia (reading 3)."""
+
+    mass: Number = quantity("kg", "m_o", "wheelset mass", positive=True)
+    yaw_inertia: Number = quantity("kg m^2", "I_oy", "wheelset yaw inertia", positive=True)
+    wheel_radius: Number = quantity("m", "r_0", "nominal rolling radius", positive=True)
+    spin_inertia: Number = quantity("kg m^2", "I_ox", "wheelset spin inertia (gyroscopic terms only)", 0.0)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class PrimarySuspension:
+    """Axle suspension, per axle box. Typical: 1 to 40 MN/m longitudinally, 1 to 10 laterally, 0.5 to 1.5 vertically."""
+
+    stiffness_x: Number = quantity("N/m", "k_ox", "primary longitudinal stiffness")
+    stiffness_y: Number = quantity("N/m", "k_oy", "primary lateral stiffness")
+    stiffness_z: Number = quantity("N/m", "k_oz", "primary vertical stiffness")
+    damping_x: Number = quantity("N s/m", "rho_ox", "primary longitudinal damping", 0.0)
+    damping_y: Number = quantity("N s/m", "rho_oy", "primary lateral damping", 0.0)
+    damping_z: Number = quantity("N s/m", "rho_oz", "primary vertical damping", 0.0)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SecondarySuspension:
+    """Central suspension, per side of a bogie; damping_x is the yaw damper. The anti-roll bar is per bogie."""
+
+    stiffness_x: Number = quantity("N/m", "k_cx", "secondary longitudinal stiffness")
+    stiffness_y: Number = quantity("N/m", "k_cy", "secondary lateral stiffness")
+    stiffness_z: Number = quantity("N/m", "k_cz", "secondary vertical stiffness")
+    damping_x: Number = quantity("N s/m", "rho_cx", "secondary longitudinal (yaw) damping", 0.0)
+    damping_y: Number = quantity("N s/m", "rho_cy", "secondary lateral damping", 0.0)
+    damping_z: Number = quantity("N s/m", "rho_cz", "secondary vertical damping", 0.0)
+    anti_roll_stiffness: Number = quantity("N m/rad", "k_ar", "anti-roll bar stiffness", 0.0)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Geometry:
+    """Half distances, heights and the layout: pattern (1, -1) is two bogies (axles) at +l and -l (+a and -a),
+    (1, 0, -1) three axles in a bogie, (0,) a single one. Leading ones first."""
+
+    half_wheelbase: Number = quantity("m", "a", "half the bogie's wheelbase")
+    half_pivot_distance: Number = quantity("m", "l", "half the distance between bogies")
+    half_gauge: Number = quantity("m", "e", "half the distance between the contact points", positive=True)
+    half_primary: Number = quantity("m", "d_o", "half the lateral distance of the primary springs")
+    half_secondary: Number = quantity("m", "d_c", "half the lateral distance of the secondary springs")
+    carbody_height: Number = quantity("m", "h_cc", "car body centre above the secondary suspension")
+    bogie_to_primary: Number = quantity("m", "h_ob", "bogie centre to the axle suspension")
+    bogie_to_secondary: Number = quantity("m", "h_cb", "bogie centre to the secondary suspension")
+    bogie_pattern: tuple[float, ...] = structure((1.0, -1.0))
+    axle_pattern: tuple[float, ...] = structure((1.0, -1.0))
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Contact:
+    """Wheel-rail contact, creep coefficients per wheel (Kalker's f_ij), flange per wheelset.
+
+    `law` is "sharp" (Vermeulen-Johnson saturation and dead band as published, for reporting), "smooth" (their twins,
+    rounded within `creep_width` and `flange_width`, for gradients through the kinks) or "linear" (Kalker's linear
+    creep, no flange: the model of eqs. (2)-(4)).
+    """
+
+    creep_longitudinal: Number = quantity("N", "f_11", "longitudinal creep coefficient")
+    creep_lateral: Number = quantity("N", "f_33", "lateral creep coefficient")
+    conicity: Number = quantity("1", "lambda", "effective conicity")
+    wheel_load: Number = quantity("N", "Q", "load on one wheel", positive=True)
+    friction: Number = quantity("1", "mu", "coefficient of friction", positive=True)
+    flange_stiffness: Number = quantity("N/m", "k_f", "flange-rail stiffness")
+    flange_clearance: Number = quantity("m", "delta", "half width of the flange's dead band")
+    creep_lateral_spin: Number = quantity("N m", "f_12", "lateral/spin creep coefficient", 0.0)
+    creep_spin: Number = quantity("N m^2", "f_22", "spin creep coefficient", 0.0)
+    creep_width: Number = quantity("1", "", "smooth twin: rounding of u at zero creep", 0.01)
+    flange_width: Number = quantity("m", "", "smooth twin: rounding of the dead band's corners", 1e-4)
+    law: Literal["sharp", "smooth", "linear"] = structure("sharp")
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a parameter's value comes from: `status` is "published", "recalled", "assumed" or "calibrated"."""
+
+    parameter: str
+    status: str
+    note: str
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Vehicle:
+    """One car body on n bogies of m axles each.
+
+    `gyroscopic` adds the spin-yaw coupling of the wheelsets, `gravitational` the contact's gravitational stiffness;
+    both are off for the paper's coach, which does not state them.
+    """
+
+    carbody: CarBody
+    bogie: Bogie
+    wheelset: Wheelset
+    primary: PrimarySuspension
+    secondary: SecondarySuspension
+    geometry: Geometry
+    contact: Contact
+    gyroscopic: bool = structure(False)
+    gravitational: bool = structure(False)
+    name: str = structure("")
+    provenance: tuple[Provenance, ...] = structure(())
+
+    def __str__(self) -> str:
+        bogies, axles = len(self.geometry.bogie_pattern), len(self.geometry.axle_pattern)
+        held = [part for part in ("carbody", "bogie") if getattr(self, part).held]
+        doubtful = [f"{p.parameter} ({p.status})" for p in self.provenance if p.status != "published"]
+        lines = [f"Vehicle {self.name or '(unnamed)'}: {bogies} bogie(s) of {axles} axle(s), {self.contact.law} contact"]
+        lines += [f"  held: {', '.join(held)}"] if held else []
+        lines += [f"  not from the source: {', '.join(doubtful)}"] if doubtful else []
+        return "\n".join(lines)
+
+
+def replace(vehicle: Vehicle, **changes: Any) -> Vehicle:
+    """A copy with some parameters changed, named by their path with `__` for the dot.
+
+    >>> stiffer = replace(coach, primary__stiffness_x=4e6, contact__law="smooth")  # doctest: +SKIP
+
+    Raises `InputError` for a path that does not exist.
+    """
+    for path, value in changes.items():
+        vehicle = set_parameter(vehicle, path.replace("__", "."), value)
+    return vehicle
+
+
+def get_parameter(vehicle: Vehicle, path: str) -> Any:
+    """The value at a dotted path, `get_parameter(coach, "primary.stiffness_x")` (SI)."""
+    value: Any = vehicle
+    for name in path.split("."):
+        if not dataclasses.is_dataclass(value) or name not in {f.name for f in dataclasses.fields(value)}:
+            raise _no_such_parameter(path)
+        value = getattr(value, name)
+    return value
+
+
+def set_parameter(vehicle: Vehicle, path: str, value: Any) -> Vehicle:
+    """A copy of the vehicle with the value (SI) at a dotted path changed."""
+    get_parameter(vehicle, path)  # refuses a path that does not exist
+    return _set(vehicle, path.split("."), value)
+
+
+def _set(part: Any, names: list[str], value: Any) -> Any:
+    head, *rest = names
+    return dataclasses.replace(part, **{head: _set(getattr(part, head), rest, value) if rest else value})
+
+
+def _no_such_parameter(path: str) -> InputError:
+    import difflib
+
+    known = [name for name, _ in parameters()]
+    near = difflib.get_close_matches(path, known, n=1, cutoff=0.0)[0]
+    return InputError(f"no parameter {path!r} in a vehicle; the nearest is {near!r}")
+
+
+def parameters() -> Iterator[tuple[str, dataclasses.Field]]:
+    """Dotted path and field (its metadata: unit, symbol, meaning) of every float of a vehicle."""
+    for part in dataclasses.fields(Vehicle):
+        if dataclasses.is_dataclass(part.type):
+            for entry in dataclasses.fields(part.type):
+                if "unit" in entry.metadata:
+                    yield f"{part.name}.{entry.name}", entry
+
+
+def without_labels(vehicle: Vehicle) -> Vehicle:
+    """The vehicle without name and provenance, so that two vehicles of one structure share compiled code."""
+    return dataclasses.replace(vehicle, name="", provenance=())
