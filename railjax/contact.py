@@ -47,7 +47,9 @@ def creepages(
 
 def saturation_factor(u: Wheelsets) -> Wheelsets:
     """Vermeulen-Johnson without spin: |F|/|F_linear| = 1 - u/3 + u²/27 for u < 3 and 1/u beyond; C2 at u = 3."""
-    return jnp.where(u < 3.0, 1.0 - u * (1.0 / 3.0) + u * u * (1.0 / 27.0), 1.0 / jnp.maximum(u, 3.0))
+    below = u < 3.0
+    # not maximum(u, 3), whose derivative is halved where the two are equal
+    return jnp.where(below, 1.0 - u * (1.0 / 3.0) + u * u * (1.0 / 27.0), 1.0 / jnp.where(below, 3.0, u))
 
 
 def saturation(contact: Contact, longitudinal: Wheelsets, lateral: Wheelsets) -> Wheelsets:

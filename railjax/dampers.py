@@ -9,7 +9,7 @@ A damper is a pytree with two things, and needs no base class:
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, runtime_checkable
 
 import jax
 from jaxtyping import Array, Float
@@ -20,6 +20,7 @@ from .vehicle import Vehicle
 Bogies = Float[Array, "..."]
 
 
+@runtime_checkable
 class Damper(Protocol):
     """What `simulate` asks of a damper."""
 

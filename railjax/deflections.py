@@ -79,17 +79,17 @@ def _along(pattern: tuple[float, ...], like: Float[Array, "..."], axes: int) -> 
     return jnp.asarray(np.asarray(pattern).reshape((-1,) + (1,) * axes), like.dtype)
 
 
-def bogie_positions(vehicle: Vehicle, like: Float[Array, "n m *lanes"]) -> Float[Array, "n *lanes"]:
+def bogie_positions(vehicle: Vehicle, like: Float[Array, "n m *lanes"]) -> Float[Array, "n *#lanes"]:
     """x_j = ±l, longitudinal positions of the bogies ahead of the car body's centre, m."""
     return _along(vehicle.geometry.bogie_pattern, like, like.ndim - 2) * vehicle.geometry.half_pivot_distance
 
 
-def axle_positions(vehicle: Vehicle, like: Float[Array, "n m *lanes"]) -> Float[Array, "m *lanes"]:
+def axle_positions(vehicle: Vehicle, like: Float[Array, "n m *lanes"]) -> Float[Array, "m *#lanes"]:
     """±a, longitudinal positions of the axles ahead of their bogie's centre, m."""
     return _along(vehicle.geometry.axle_pattern, like, like.ndim - 2) * vehicle.geometry.half_wheelbase
 
 
-def wheelset_positions(vehicle: Vehicle, like: Float[Array, "n m *lanes"]) -> Float[Array, "n m *lanes"]:
+def wheelset_positions(vehicle: Vehicle, like: Float[Array, "n m *lanes"]) -> Float[Array, "n m *#lanes"]:
     """s_i = ±l ± a, longitudinal positions of the wheelsets ahead of the car body's centre, m."""
     return bogie_positions(vehicle, like)[:, None] + axle_positions(vehicle, like)
 

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
 from jaxtyping import Complex, Float
 
 from .dampers import Damper
@@ -60,8 +58,10 @@ def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
     require_double_precision("the modes")
     if not float(speed) > 0:
         raise InputError(f"speed must be positive (m/s), not {float(speed):g}: creepage is a ratio to the speed")
+    from scipy.linalg import eig  # here, for a quick import of railjax
+
     matrix = np.asarray(state_matrix(vehicle, speed, damper))
-    values, left, right = scipy.linalg.eig(matrix, left=True, right=True)
+    values, left, right = eig(matrix, left=True, right=True)
     keep = np.flatnonzero(values.imag >= 0)
     keep = keep[np.argsort(-values[keep].real, kind="stable")]
     values, left, right = values[keep], left[:, keep], right[:, keep]
@@ -120,11 +120,10 @@ def _carbody_name(share: dict[str, float], shape: np.ndarray, rows: dict[str, sl
 
 def _phase(shape: np.ndarray, share: dict[str, float], rows: dict[str, slice]) -> str:
     """How the two bogies move to each other, by the group that carries most energy."""
-    group = max(share, key=lambda name: share[name])
-    parts = shape[rows[group]]
     if "bogie_y" not in rows or rows["bogie_y"].stop - rows["bogie_y"].start != 2:
         return ""
-    front, rear = np.split(parts, 2)
+    group = max((name for name in share if not name.startswith("carbody")), key=lambda name: share[name])
+    front, rear = np.split(shape[rows[group]], 2)
     together = np.sum(front * rear.conj()).real
     return ", bogies in phase" if together > 0 else ", bogies in opposition"
 
@@ -161,6 +160,8 @@ def root_locus(vehicle: Vehicle, speeds: Float[np.ndarray, "speeds"], damper: Da
     """Track every oscillating mode of the highest speed down to the lowest, by the overlap |w_i^H r_j| of left and right
     eigenvectors of neighbouring speeds. Names are those at the highest speed, where the parts are told apart best.
     """
+    from scipy.optimize import linear_sum_assignment
+
     speeds = np.asarray(speeds, float)
     if speeds.ndim != 1 or len(speeds) < 2 or not np.all(np.diff(speeds) > 0) or not speeds[0] > 0:
         raise InputError("speeds must be at least two positive numbers (m/s) in rising order")
@@ -176,7 +177,7 @@ def root_locus(vehicle: Vehicle, speeds: Float[np.ndarray, "speeds"], damper: Da
         scale = np.linalg.norm(left, axis=0)[:, None] * np.linalg.norm(below.right, axis=0)
         match = np.abs(left.conj().T @ below.right) / scale
         match = match / np.maximum(match.max(axis=1, keepdims=True), 1e-300)
-        _, chosen = scipy.optimize.linear_sum_assignment(match, maximize=True)
+        _, chosen = linear_sum_assignment(match, maximize=True)
         columns.append(below.eigenvalues[chosen])
         overlaps.append(match[np.arange(count), chosen])
         left = below.left[:, chosen]

@@ -3,6 +3,7 @@
 The time simulation, the matrices of eqs. (2)-(4), stability and gradients all go through `motion`.
 """
 
+import functools
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ from .contact import ContactForce, contact_force, creepages
 from .dampers import Damper, PassiveDamper
 from .deflections import Groups, deflections, join, size, split, transposed
 from .typing import Scalar
-from .vehicle import Vehicle
+from .vehicle import Vehicle, without_labels
 
 #: F_d of eq. (1): the vehicle's own rho_cy
 PASSIVE = PassiveDamper()
@@ -151,13 +152,18 @@ def _linear(vehicle: Vehicle) -> Vehicle:
 
 
 def state_matrix(
-    vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE, flange: bool = False
+    vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE, *, flange: bool = False
 ) -> Float[Array, "states states"]:
     """E of eq. (4): the linearisation x' = E x of straight running with linear creep.
 
     speed in m/s; order [q, q'] (then the damper's internal states); shape (2n, 2n), 34 x 34 for the coach. With `flange` the
     flange is held in contact (for the bound on the time step). Differentiable; `vmap` it over speeds and vehicles.
     """
+    return _state_matrix(without_labels(vehicle), speed, damper, flange)
+
+
+@functools.partial(jax.jit, static_argnames="flange")
+def _state_matrix(vehicle: Vehicle, speed: Scalar, damper: Damper, flange: bool) -> Float[Array, "states states"]:
     vehicle = _linear(vehicle)
     if flange:
         # the flange's spring as a track that gives way: k_f acts on y from zero displacement on
@@ -177,7 +183,7 @@ def state_matrix(
 
 def track_matrix(vehicle: Vehicle, speed: Scalar) -> Float[Array, "states wheelsets"]:
     """B of F*(t) = B eta(t), eq. (3): what the alignment eta_i (m) under each wheelset does to x', linear creep."""
-    vehicle = _linear(vehicle)
+    vehicle = _linear(without_labels(vehicle))
     shape = wheelset_shape(vehicle)
     wheelsets = shape[0] * shape[1]
     dtype = jnp.result_type(float)

@@ -6,7 +6,7 @@ offsets are fixed over a run, so what depends on them alone is computed once.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,7 @@ Distances = Float[Array, "..."]
 Alignment = Callable[[Distances], Distances]
 
 
+@runtime_checkable
 class Track(Protocol):
     """What `simulate` asks of a track."""
 

@@ -159,6 +159,7 @@ class Vehicle:
     gyroscopic: bool = structure(False)
     gravitational: bool = structure(False)
     name: str = structure("")
+    note: str = structure("")
     provenance: tuple[Provenance, ...] = structure(())
 
     def __str__(self) -> str:
@@ -222,5 +223,5 @@ def parameters() -> Iterator[tuple[str, dataclasses.Field]]:
 
 
 def without_labels(vehicle: Vehicle) -> Vehicle:
-    """The vehicle without name and provenance, so that two vehicles of one structure share compiled code."""
-    return dataclasses.replace(vehicle, name="", provenance=())
+    """The vehicle without name, note and provenance, so that two vehicles of one structure share compiled code."""
+    return dataclasses.replace(vehicle, name="", note="", provenance=())

@@ -19,7 +19,7 @@ from .vehicle import Contact, Geometry, Provenance, Vehicle
 Table = dict[str, Any]
 
 #: keys of a file beside the tables of parameters
-TOP = {"name": str, "base": str, "source": str, "gyroscopic": bool, "gravitational": bool, "provenance": dict}
+TOP = {"name": str, "base": str, "source": str, "note": str, "gyroscopic": bool, "gravitational": bool, "provenance": dict}
 STATUSES = ("published", "recalled", "assumed", "calibrated")
 PARTS = {f.name: f.type for f in dataclasses.fields(Vehicle) if dataclasses.is_dataclass(f.type)}
 
@@ -234,6 +234,7 @@ def _build(tables: Table, where: str) -> Vehicle:
         gyroscopic=tables.get("gyroscopic", False),
         gravitational=tables.get("gravitational", False),
         name=tables.get("name", Path(where).stem),
+        note=tables.get("note", ""),
         provenance=provenance,
     )
 

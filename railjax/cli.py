@@ -1,0 +1,238 @@
+"""The command line `railjax`: exit status 0, 1 (numerical failure) or 2 (bad input, one line), never a traceback."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .errors import InputError, NumericalError
+
+app = typer.Typer(
+    help="Lateral dynamics of rail vehicles: critical speeds, simulation, reproduction of the paper.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+
+VehicleName = Annotated[str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]
+
+
+def main() -> None:
+    """Run the command line and exit with its status."""
+    sys.exit(status(sys.argv[1:]))
+
+
+def status(arguments: list[str]) -> int:
+    """Run the command line on arguments and return the exit status; errors are one line on standard error."""
+    try:
+        result = app(arguments, standalone_mode=False, prog_name="railjax")
+        return result if isinstance(result, int) else 0
+    except InputError as error:
+        return _fail(str(error), 2)
+    except NumericalError as error:
+        return _fail(str(error), 1)
+    except (KeyboardInterrupt, typer.Abort):
+        return _fail("stopped; finished parts are kept", 130)
+    except typer.Exit as stop:
+        return stop.exit_code
+    except Exception as error:
+        # errors of usage carry their own one-line message; typer brings its copy of click, so they are known by their form
+        if hasattr(error, "format_message") and hasattr(error, "exit_code"):
+            message = " ".join(str(error.format_message()).split())
+            return _fail(message, 2) if message else 2
+        raise
+
+
+def _fail(message: str, code: int) -> int:
+    print(f"railjax: {message}", file=sys.stderr)
+    return code
+
+
+def _load(name: str) -> Any:
+    """Prepare JAX (double precision, all cores) and load the vehicle."""
+    from . import load_vehicle, use_all_cores, use_double_precision
+
+    use_double_precision()
+    use_all_cores()
+    return load_vehicle(name)
+
+
+def _show(content: dict[str, Any], lines: list[str], as_json: bool) -> None:
+    print(json.dumps(content) if as_json else "\n".join(lines))
+
+
+@app.command()
+def vehicles(as_json: AsJson = False) -> None:
+    """List the packaged vehicles."""
+    from . import load_vehicle, packaged_vehicles
+
+    found = {name: load_vehicle(name) for name in packaged_vehicles()}
+    content = {"vehicles": [{"name": name, "note": vehicle.note} for name, vehicle in found.items()]}
+    _show(content, [f"{name:16s} {vehicle.note}" for name, vehicle in found.items()], as_json)
+
+
+@app.command()
+def modes(
+    vehicle: VehicleName,
+    speed_kmh: Annotated[float, typer.Option(help="Speed in km/h.")] = 180.0,
+    as_json: AsJson = False,
+) -> None:
+    """Frequencies, damping ratios and names of the modes of straight running.
+
+    Example: railjax modes coach --speed-kmh 245
+    """
+    from .modes import modes as compute
+    from .units import KMH
+
+    found = compute(_load(vehicle), speed_kmh / KMH)
+    content = {
+        "vehicle": vehicle,
+        "speed_kmh": speed_kmh,
+        "modes": [
+            {"name": name, "frequency_hz": float(f), "damping_ratio": float(z), "growth_per_s": float(value.real), "condition": float(c)}
+            for name, f, z, value, c in zip(
+                found.names, found.frequency, found.damping_ratio, found.eigenvalues, found.condition, strict=True
+            )
+        ],
+    }
+    _show(content, [str(found)], as_json)
+
+
+@app.command("critical-speed")
+def critical_speed(vehicle: VehicleName, as_json: AsJson = False) -> None:
+    """Linear critical speed: where straight running loses stability.
+
+    Example: railjax critical-speed coach --json
+    """
+    from .linear import linear_critical_speed
+    from .modes import modes as compute
+    from .units import KMH
+
+    loaded = _load(vehicle)
+    speed = float(linear_critical_speed(loaded))
+    critical = compute(loaded, speed)
+    fitted = [f"{p.parameter}: {p.note}" for p in loaded.provenance if p.status == "calibrated"]
+    content = {
+        "vehicle": loaded.name,
+        "linear_kmh": speed * KMH,
+        "frequency_hz": float(critical.frequency[0]),
+        "mode": critical.names[0],
+        "calibrated": fitted,
+        "note": loaded.note,
+    }
+    lines = [
+        f"{loaded.name}: linear critical speed {speed * KMH:.2f} km/h, {critical.frequency[0]:.3f} Hz, {critical.names[0]}",
+        *([loaded.note] if loaded.note else []),
+        *[f"calibrated, not predicted: {entry}" for entry in fitted],
+    ]
+    _show(content, lines, as_json)
+
+
+@app.command()
+def simulate(
+    vehicle: VehicleName,
+    speed_kmh: Annotated[float, typer.Option(help="Speed in km/h.")] = 180.0,
+    amplitude_mm: Annotated[float, typer.Option(help="Amplitude of the sinusoidal alignment in mm.")] = 5.0,
+    wavelength_m: Annotated[float, typer.Option(help="Its wavelength in m.")] = 20.0,
+    bump_m: Annotated[float | None, typer.Option(help="Instead: a single bump of this length in m, at 20 m.")] = None,
+    duration_s: Annotated[float, typer.Option(help="Duration in s.")] = 10.0,
+    dt_s: Annotated[float, typer.Option(help="Step of RK4 in s.")] = 1e-3,
+    record: Annotated[str, typer.Option(help="Channels to record, separated by commas.")] = "carbody_acceleration,wheelset_y",
+    out: Annotated[Path | None, typer.Option(help="Write the run to a .csv, .nc (netCDF) or .png file.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run a vehicle over a track with an irregularity.
+
+    Example: railjax simulate coach --speed-kmh 220 --amplitude-mm 10 --out run.png
+    """
+    from . import BumpTrack, Result, SinusoidTrack
+    from . import simulate as run
+    from .units import KMH
+
+    loaded = _load(vehicle)
+    if out is not None and out.suffix not in (".csv", ".nc", ".png"):
+        raise InputError(f"--out {out}: the name must end in .csv, .nc or .png")
+    track = SinusoidTrack(amplitude_mm / 1e3, wavelength_m) if bump_m is None else BumpTrack(amplitude_mm / 1e3, bump_m)
+    channels = [name.strip() for name in record.split(",") if name.strip()]
+    sums = [f"{how}:{name}" for name in channels for how in ("rms", "peak")]
+    result = run(loaded, speed_kmh / KMH, track=track, duration=duration_s, dt=dt_s, record=channels, reduce=sums)
+    if int(result.code) == Result.DIVERGED:
+        raise NumericalError(f"the run diverged at {speed_kmh:g} km/h: a displacement went beyond 1 m or 1 rad")
+    if out is not None:
+        _write_run(result, channels, out)
+    content = {
+        "vehicle": loaded.name,
+        "speed_kmh": speed_kmh,
+        "assumed": ["track: the paper gives no wavelength"],
+        "reductions": {name: values.tolist() for name, values in result.reductions.items()},
+    }
+    _show(content, [str(result)], as_json)
+
+
+def _write_run(result: Any, channels: list[str], out: Path) -> None:
+    from .channels import CHANNELS
+    from .plots import figure, histories
+
+    data = result.to_xarray()
+    try:
+        if out.suffix == ".nc":
+            data.to_netcdf(out, engine="scipy")
+        elif out.suffix == ".csv":
+            import numpy as np
+
+            columns, names = [np.asarray(result.time)], ["time (s)"]
+            for name in channels:
+                values = np.asarray(result[name]).reshape(len(columns[0]), -1)
+                columns += list(values.T)
+                index = [f"[{i}]" for i in range(values.shape[1])] if values.shape[1] > 1 else [""]
+                names += [f"{name}{i} ({CHANNELS[name].unit})" for i in index]
+            np.savetxt(out, np.column_stack(columns), delimiter=",", header=",".join(names), comments="")
+        else:
+            with figure(rows=len(channels), height=2.4, share_x=True) as (page, axes):
+                for row, name in zip(axes[:, 0], channels, strict=True):
+                    histories(row, result, {name: name}, 1.0, CHANNELS[name].unit)
+                page.savefig(out)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
+
+
+@app.command()
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder for report.html, figures/*.png and results.json.")] = Path("results"),
+    only: Annotated[list[str] | None, typer.Option(help="Run only this study (may be repeated).")] = None,
+    fresh: Annotated[bool, typer.Option(help="Make every study anew instead of keeping finished ones.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Reproduce the paper: every figure and number, beside the paper's own.
+
+    Example: railjax reproduce --out results
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from . import use_all_cores, use_double_precision
+    from .reproduce import reproduce as run
+
+    use_double_precision()
+    use_all_cores()
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=None)
+
+        def advance(title: str, done: int, total: int) -> None:
+            bar.update(task, description=title, completed=done, total=total)
+
+        results = run(out, only=only, fresh=fresh, progress=advance)
+    lines = [
+        f"{q['name']}: {q['computed']:.6g} {q['unit']}"
+        + ("" if q["paper"] is None else f" (paper {q['paper']:.6g})")
+        + (" - fitted" if q["fitted"] else "")
+        for q in results["quantities"]
+    ]
+    _show(results, [*lines, results["summary"], f"report: {out / 'report.html'}"], as_json)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""One style for all figures: colour-blind safe, km/h where engineers read km/h, the paper's value beside ours."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from .modes import RootLocus
+    from .simulate import Simulation
+
+#: Okabe and Ito's palette, told apart with every common colour blindness
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+PAPER = {"color": "0.35", "linestyle": (0, (1, 1.5)), "linewidth": 1.2}
+
+STYLE = {
+    "axes.grid": True,
+    "axes.prop_cycle": f"cycler('color', {list(COLOURS)})",
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "font.size": 9.5,
+    "grid.alpha": 0.3,
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.4,
+    "savefig.dpi": 160,
+}
+
+
+@contextmanager
+def figure(rows: int = 1, columns: int = 1, height: float = 3.4, share_x: bool = False) -> Iterator[tuple["Figure", np.ndarray]]:
+    """A figure of the house style and its axes as an array (rows, columns); made without touching global state."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(STYLE):
+        page = Figure(figsize=(7.2, height * rows), layout="constrained")
+        yield page, page.subplots(rows, columns, squeeze=False, sharex=share_x)
+
+
+def mark_paper(axes: "Axes", value: float, text: str, horizontal: bool = True) -> None:
+    """A value of the paper as a labelled dotted line."""
+    draw = axes.axhline if horizontal else axes.axvline
+    draw(value, label=text, **PAPER)
+
+
+def histories(
+    axes: "Axes", run: "Simulation", channels: dict[str, str], scale: float, unit: str, last: float | None = None
+) -> None:
+    """Time histories of some channels (first entry of bogie and wheelset channels) over the last seconds of a run."""
+    time = np.asarray(run.time)
+    shown = time >= (time[-1] - last if last else 0.0)
+    for channel, label in channels.items():
+        values = np.asarray(run[channel]) * scale
+        axes.plot(time[shown], values[shown] if values.ndim == 1 else values[shown, 0], label=label)
+    axes.set(xlabel="time, s", ylabel=unit, xlim=(time[shown][0], time[-1]))
+    axes.legend(loc="upper right", ncols=len(channels))
+
+
+def locus(axes: "Axes", result: "RootLocus", limit: float = 0.6) -> None:
+    """Damping ratio over speed of the modes that are ever less damped than `limit`."""
+    from .units import KMH
+
+    damping = result.damping_ratio
+    order = np.argsort(damping.min(axis=0))
+    for k in [k for k in order if damping[:, k].min() < limit][: len(COLOURS)]:
+        axes.plot(result.speeds * KMH, 100 * damping[:, k], label=result.names[k])
+    axes.axhline(0.0, color="0.2", linewidth=0.8)
+    axes.set(xlabel="speed, km/h", ylabel="damping ratio, %", xlim=(result.speeds[0] * KMH, result.speeds[-1] * KMH))
+    axes.legend(loc="best")
