@@ -12,6 +12,7 @@ Importing it changes no JAX configuration and starts no backend.
 from .channels import CHANNELS
 from .dampers import PassiveDamper
 from .errors import InputError, NumericalError
+from .kernels import jit
 from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
 from .lanes import use_all_cores
 from .linear import Stability, linear_critical, linear_critical_speed
@@ -44,6 +45,7 @@ __all__ = [
     "contact_ellipse",
     "creep_coefficients",
     "get_parameter",
+    "jit",
     "kalker_coefficients",
     "linear_critical",
     "linear_critical_speed",

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from . import smooth
+from .kernels import fence
 from .typing import Scalar
 from .vehicle import Contact, Vehicle
 
@@ -72,6 +73,13 @@ def flange_force(contact: Contact, y_rel: Wheelsets) -> Wheelsets:
     return contact.flange_stiffness * outside
 
 
+@fence
+def _saturated(contact: Contact, longitudinal: Wheelsets, lateral: Wheelsets) -> tuple[Wheelsets, Wheelsets]:
+    """u and the factor of both wheels, evaluated once for all that depends on them."""
+    u = saturation(contact, longitudinal, lateral)
+    return u, 2.0 * saturation_factor(u)
+
+
 def contact_force(vehicle: Vehicle, creepage: Creepage, y_rel: Wheelsets, psi: Wheelsets) -> ContactForce:
     """Creep of both wheels, flange and (if asked for) gravitational stiffness of a wheelset.
 
@@ -82,8 +90,9 @@ def contact_force(vehicle: Vehicle, creepage: Creepage, y_rel: Wheelsets, psi: W
     contact, half_gauge = vehicle.contact, vehicle.geometry.half_gauge
     longitudinal = contact.creep_longitudinal * creepage.longitudinal
     lateral = contact.creep_lateral * creepage.lateral
-    u = saturation(contact, longitudinal, lateral)
-    factor = 2.0 if contact.law == "linear" else 2.0 * saturation_factor(u)
+    u, factor = _saturated(contact, longitudinal, lateral)
+    if contact.law == "linear":
+        factor = 2.0
     flange = flange_force(contact, y_rel)
     force = factor * (lateral + contact.creep_lateral_spin * creepage.spin) + flange
     moment = factor * (

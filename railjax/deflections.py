@@ -48,12 +48,10 @@ def size(vehicle: Vehicle) -> int:
 
 def split(vehicle: Vehicle, q: Float[Array, "n *lanes"]) -> Groups:
     """The flat vector q by groups."""
-    groups, start = {}, 0
-    for name, shape in layout(vehicle).items():
-        stop = start + int(np.prod(shape))
-        groups[name] = q[start:stop].reshape(shape + q.shape[1:])
-        start = stop
-    return groups
+    shapes = layout(vehicle)
+    # `lax.split`, because its transpose is one concatenation where slices would give a padded sum each
+    pieces = jax.lax.split(q, [int(np.prod(shape)) for shape in shapes.values()])
+    return {name: piece.reshape(shape + q.shape[1:]) for (name, shape), piece in zip(shapes.items(), pieces, strict=True)}
 
 
 def join(vehicle: Vehicle, groups: Mapping[str, Float[Array, "..."]]) -> list[Float[Array, "..."]]:

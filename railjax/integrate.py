@@ -12,7 +12,9 @@ from jaxtyping import Array, Float
 from .channels import CHANNELS, parse_reduction
 from .dampers import Damper
 from .deflections import layout, size, wheelset_positions
+from .kernels import fence
 from .motion import Motion, motion, state_matrix, state_rate
+from .smooth import sqrt_of_square
 from .track import Speed, SpeedProfile, Track
 from .typing import Scalar
 from .vehicle import Vehicle
@@ -23,7 +25,7 @@ State = Float[Array, "states *lanes"]
 STABLE_RADIUS = 2.61
 
 #: steps whose track is sampled together; few, so that the samples stay in the nearest cache
-BURST = 10
+BURST = 5
 
 
 class Plan(NamedTuple):
@@ -48,14 +50,20 @@ class Inputs(NamedTuple):
     """What the outside does to the vehicle at one instant."""
 
     alignment: Float[Array, "..."]
-    slowness: Float[Array, "..."]
+    slowness: Float[Array, "..."] | None  # None where the speed is constant
+
+
+@fence
+def advanced(x: State, rate: State, dt: Scalar) -> State:
+    """x + rate dt, the state at which the next stage looks."""
+    return x + rate * dt
 
 
 def rk4(rate: Callable[[Inputs, State], State], x: State, first: State, dt: Scalar, mid: Inputs, end: Inputs) -> State:
     """One classical Runge-Kutta step; `first` is x' at its start, `mid` and `end` the inputs half a step and a step later."""
-    second = rate(mid, x + (0.5 * dt) * first)
-    third = rate(mid, x + (0.5 * dt) * second)
-    fourth = rate(end, x + dt * third)
+    second = rate(mid, advanced(x, first, 0.5 * dt))
+    third = rate(mid, advanced(x, second, 0.5 * dt))
+    fourth = rate(end, advanced(x, third, dt))
     return x + (dt / 6.0) * (first + 2.0 * (second + third) + fourth)
 
 
@@ -75,20 +83,22 @@ def run(
     plan: Plan,
 ) -> Run:
     """Integrate from state x; every leaf may carry trailing lanes. `settle` seconds are left out of the reductions."""
-    lanes = x.ndim - 1
     like = jnp.zeros((*layout(vehicle)["wheelset_y"], *x.shape[1:]), x.dtype)
     burst = largest_divisor(plan.every, BURST)
     bursts = plan.every // burst
     inputs = _inputs(vehicle, speed, track, like, dt, burst)
+    slowness = None if isinstance(speed, SpeedProfile) else 1.0 / jnp.asarray(speed, x.dtype)
     reductions = [parse_reduction(name) for name in plan.reduce]
 
     def instant(now: Inputs, x: State) -> Motion:
-        return motion(vehicle, damper, now.slowness, now.alignment, x)
+        return motion(vehicle, damper, slowness if now.slowness is None else now.slowness, now.alignment, x)
 
     def rate(now: Inputs, x: State) -> State:
         return state_rate(vehicle, instant(now, x))
 
-    def step(carry, now: tuple[Inputs, Inputs, Inputs, Array]):
+    # reverse mode keeps x of every step and nothing else, and computes the stages again
+    @functools.partial(jax.checkpoint, prevent_cse=False)
+    def step(carry: Carry, now: tuple[Inputs, Inputs, Inputs, Array]) -> tuple[Carry, None]:
         x, sums = carry
         start, mid, end, time = now
         at_start = instant(start, x)
@@ -99,26 +109,26 @@ def run(
         )
         return (rk4(rate, x, state_rate(vehicle, at_start), dt, mid, end), sums), None
 
-    def several_steps(carry, index):
+    def several_steps(carry: Carry, index: Array) -> tuple[Carry, None]:
         return jax.lax.scan(step, carry, inputs(index))[0], None
 
-    def sample(carry, index):
+    def sample(carry: Carry, index: Array) -> tuple[Carry, tuple[dict[str, Array], Array]]:
         x, _ = carry
-        here = jax.tree.map(lambda leaf: leaf[0], inputs(index * bursts)[0])
-        at_start = instant(here, x)
+        at_start = instant(_first(inputs(index * bursts)), x)
         record = {name: CHANNELS[name].read(at_start) for name in plan.record}
-        outside = jnp.max(jnp.abs(x[: size(vehicle)]), axis=0)
+        within = jnp.max(jnp.abs(x[: size(vehicle)]), axis=0) < DIVERGED  # False for NaN as well
         carry, _ = jax.lax.scan(several_steps, carry, index * bursts + jnp.arange(bursts))
-        return carry, (record, ~(outside < DIVERGED))
+        return carry, (record, ~within)
 
-    @jax.checkpoint
-    def block(carry, indices):
+    def block(carry: Carry, indices: Array) -> tuple[Carry, tuple[dict[str, Array], Array]]:
         return jax.lax.scan(sample, carry, indices)
 
+    if plan.samples * plan.every * x.size * x.dtype.itemsize > KEPT_BYTES:
+        block = jax.checkpoint(block)
     # two levels of about the same length, so that reverse mode keeps only the square root of the samples
     per_block = largest_divisor(plan.samples, max(1, isqrt(plan.samples)))
     indices = jnp.arange(plan.samples).reshape(-1, per_block)
-    here = jax.eval_shape(lambda: instant(jax.tree.map(lambda leaf: leaf[0], inputs(jnp.array(0))[0]), x))
+    here = jax.eval_shape(lambda: instant(_first(inputs(jnp.array(0))), x))
     zeros = tuple(
         jnp.zeros(shape.shape, shape.dtype)
         for shape in (jax.eval_shape(CHANNELS[channel].read, here) for _, channel in reductions)
@@ -128,11 +138,21 @@ def run(
 
     steps = plan.samples * plan.every
     counted = jnp.maximum(steps - jnp.ceil(settle / dt - 1e-9), 1.0).astype(x.dtype)
-    means = {name: _finish(how, total, counted) for name, (how, _), total in zip(plan.reduce, reductions, sums, strict=True)}
-    final_outside = ~(jnp.max(jnp.abs(x[: size(vehicle)]), axis=0) < DIVERGED)
-    diverged = jnp.any(outside, axis=(0, 1)) | final_outside
-    assert diverged.ndim == lanes
-    return Run(records, means, x, diverged)
+    totals = {
+        name: _finish(how, total, counted) for name, (how, _), total in zip(plan.reduce, reductions, sums, strict=True)
+    }
+    within = jnp.max(jnp.abs(x[: size(vehicle)]), axis=0) < DIVERGED
+    return Run(records, totals, x, jnp.any(outside, axis=(0, 1)) | ~within)
+
+
+Carry = tuple[State, tuple[Array, ...]]
+
+#: what reverse mode may keep of a run, bytes; beyond that it keeps blocks of steps and computes the steps again (20 % slower)
+KEPT_BYTES = 2**26
+
+
+def _first(inputs: tuple[Inputs, Inputs, Inputs, Array]) -> Inputs:
+    return jax.tree.map(lambda leaf: leaf[0], inputs[0])
 
 
 #: metres or radians beyond which the small displacements of the model have lost their meaning
@@ -146,8 +166,6 @@ def _accumulate(how: str, total: Array, value: Array, counted: Array) -> Array:
 
 
 def _finish(how: str, total: Array, count: Array) -> Array:
-    from .smooth import sqrt_of_square
-
     if how == "peak":
         return total
     return sqrt_of_square(total / count) if how == "rms" else total / count
@@ -159,31 +177,28 @@ def _inputs(
     """Track and speed over the steps of a burst: at the start, the middle and the end of each, and the time of its start."""
     positions = wheelset_positions(vehicle, like)
     halves = 0.5 * jnp.arange(2 * burst + 1, dtype=like.dtype)
-    column = halves.reshape((-1,) + (1,) * like.ndim)
+    varying = isinstance(speed, SpeedProfile)
+    if not varying:
+        column = halves.reshape((-1,) + (1,) * like.ndim)
+        positions = speed * (column * dt) + positions
+    # sampled once for all that use it
+    seen = fence(track.seen_from(positions))
 
-    if isinstance(speed, SpeedProfile):
-        seen = track.seen_from(positions)
-
-        def sampled(index: Array) -> Inputs:
+    def sampled(index: Array) -> Inputs:
+        if varying:
             time = (index * burst + halves) * dt
-            distance, slowness = speed.distance(time), 1.0 / speed.at(time)
-            return Inputs(jax.vmap(seen)(distance.astype(like.dtype)), slowness.astype(like.dtype))
-
-    else:
-        slowness = 1.0 / jnp.asarray(speed, like.dtype)
-        seen_ahead = track.seen_from(speed * (column * dt) + positions)
-
-        def sampled(index: Array) -> Inputs:
-            alignment = seen_ahead(jnp.asarray(speed * (index * burst * dt), like.dtype))
-            # materialised: XLA would otherwise evaluate the track anew in every kernel that uses it
-            alignment = jax.lax.optimization_barrier(jnp.broadcast_to(alignment, (2 * burst + 1, *like.shape)))
-            return Inputs(alignment, jnp.broadcast_to(slowness, (2 * burst + 1, *slowness.shape)))
+            alignment = jax.vmap(seen)(speed.distance(time).astype(like.dtype))
+            return Inputs(alignment, (1.0 / speed.at(time)).astype(like.dtype))
+        alignment = seen(jnp.asarray(speed * (index * burst * dt), like.dtype))
+        return Inputs(jnp.broadcast_to(alignment, (2 * burst + 1, *like.shape)), None)
 
     def inputs(index: Array) -> tuple[Inputs, Inputs, Inputs, Array]:
         now = sampled(index)
-        time = ((index * burst + jnp.arange(burst)) * dt).astype(like.dtype)
-        start, mid, end = (jax.tree.map(lambda leaf, s=s: leaf[s], now) for s in (slice(0, -1, 2), slice(1, None, 2), slice(2, None, 2)))
-        return start, mid, end, time
+        start, mid, end = (
+            jax.tree.map(lambda leaf, part=part: leaf[part], now)
+            for part in (slice(0, -1, 2), slice(1, None, 2), slice(2, None, 2))
+        )
+        return start, mid, end, ((index * burst + jnp.arange(burst)) * dt).astype(like.dtype)
 
     return inputs
 
@@ -208,7 +223,7 @@ def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[Array
     return jnp.exp((logarithm + jnp.log(jnp.linalg.norm(power))) / 2.0**10)
 
 
-@functools.partial(jax.jit, static_argnames=())
+@jax.jit
 def largest_step(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[Array, ""]:
     """Largest dt (s) that RK4 holds at this speed: creep damping 2 f/(m v) grows as 1/v, 9 ms at 40 m/s, 1 ms at 5 m/s."""
     return STABLE_RADIUS / fastest_rate(vehicle, speed, damper)

@@ -15,8 +15,8 @@ from jax.sharding import Mesh, PartitionSpec
 
 from .errors import InputError
 
-#: lanes integrated together on one device: 34 states of 64 lanes are 17 kB, within the first-level cache
-CHUNK = 64
+#: lanes integrated together on one device; beyond 40 (JAX 0.10.1) or 56 (0.12) lanes a step on CPU takes twice as long per lane
+CHUNK = 32
 
 
 def use_all_cores() -> None:

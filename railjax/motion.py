@@ -82,10 +82,10 @@ def motion(
     x: Float[Array, "states *lanes"],
 ) -> Motion:
     """Eqs. (2) and (6) at an instant: M q'' = -G^T f(G q, G q', ...), at 1/v = `slowness` (s/m) on the track eta_i (m)."""
-    count = size(vehicle)
-    q, rates = split(vehicle, x[:count]), split(vehicle, x[count : 2 * count])
-    bogies = len(vehicle.geometry.bogie_pattern)
-    internal = x[2 * count :].reshape((damper.internal_states, bogies) + x.shape[1:])
+    count, bogies = size(vehicle), len(vehicle.geometry.bogie_pattern)
+    flat, flat_rates, internal = jax.lax.split(x, (count, count, damper.internal_states * bogies))
+    q, rates = split(vehicle, flat), split(vehicle, flat_rates)
+    internal = internal.reshape((damper.internal_states, bogies) + x.shape[1:])
 
     with jax.named_scope("deflections"):
         deflection, rate = deflections(vehicle, q), deflections(vehicle, rates)

@@ -2,24 +2,26 @@
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .channels import CHANNELS, check_channel, parse_reduction
 from .dampers import Damper
 from .deflections import join, layout
 from .errors import InputError
-from .integrate import STABLE_RADIUS, Plan, fastest_rate, largest_step, run
+from .integrate import STABLE_RADIUS, Plan, Run, fastest_rate, run
+from .kernels import WIDE, one_kernel
 from .lanes import CHUNK, count_lanes, each_lane, over_lanes, own_axes
 from .motion import PASSIVE, state_size
 from .track import Speed, SpeedProfile, TangentTrack, Track, check_track
-from .typing import Number
+from .typing import Number, Scalar
 from .units import KMH
 from .vehicle import Vehicle, structure, without_labels
 
@@ -84,7 +86,6 @@ class Simulation:
 
     def to_xarray(self) -> "xarray.Dataset":
         """A labelled dataset: dimensions time (s), bogie, wheelset, lane; units in the attributes."""
-        import numpy as np
         import xarray
 
         lane = ("lane",) if self.code.ndim else ()
@@ -142,46 +143,69 @@ def simulate(
     bare = without_labels(vehicle)
     if isinstance(speed, SpeedProfile):
         speed = SpeedProfile(jnp.asarray(speed.time, float), jnp.asarray(speed.speed, float))
-    bare, speed, track, damper = jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), (bare, speed, track, damper))
-    result, code = _simulate(bare, damper, speed, track, x, dt, settle, plan, chunk)
-    if not isinstance(code, jax.core.Tracer) and code.ndim == 0 and int(code) == Result.STEP_TOO_LARGE:
-        slowest = jnp.min(speed.speed) if isinstance(speed, SpeedProfile) else speed
-        bound = float(largest_step(bare, slowest, damper))
+    fastest = _fastest(bare, speed, damper)
+    too_large = dt * fastest > STABLE_RADIUS
+    if not isinstance(too_large, jax.core.Tracer) and too_large.ndim == 0 and bool(too_large):
+        slowest = float(jnp.min(speed.speed if isinstance(speed, SpeedProfile) else speed))
         raise InputError(
-            f"dt = {dt:g} s is too large for RK4 at {float(slowest):g} m/s, where creep damping grows as 1/v: use dt <= {bound:.2g} s"
+            f"dt = {dt:g} s is too large for RK4 at {slowest:g} m/s, where creep damping grows as 1/v: "
+            f"use dt <= {STABLE_RADIUS / float(fastest):.2g} s"
         )
+    arguments = (bare, damper, speed, track, x, dt, settle)
+    compiled = _compiled(plan, chunk, _lanes(*arguments[:5]), any(isinstance(a, jax.core.Tracer) for a in jax.tree.leaves(arguments)))
+    result, code = compiled(*arguments)
+    code = jnp.where(too_large, int(Result.STEP_TOO_LARGE), code)
     time = jnp.arange(plan.samples) * (plan.every * dt)
     return Simulation(
         time, result.records, result.reductions, result.final, code, speed, jnp.asarray(dt), vehicle.name
     )
 
 
-@functools.partial(jax.jit, static_argnames=("plan", "chunk"))
-def _simulate(vehicle, damper, speed, track, x, dt, settle, plan: Plan, chunk: int):
-    trees = (vehicle, damper, speed, track, x)
-    axes = tuple(own_axes(tree) for tree in trees[:2]) + (
-        jax.tree.map(lambda _: 1, speed) if isinstance(speed, SpeedProfile) else 0,
-        own_axes(track),
-        1,
-    )
-    lanes = count_lanes(trees, axes)
+def _axes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track) -> tuple:
+    """Axes of their own, before lanes, of the leaves of vehicle, damper, speed, track and state."""
+    of_speed = jax.tree.map(lambda _: 1, speed) if isinstance(speed, SpeedProfile) else 0
+    return own_axes(vehicle), own_axes(damper), of_speed, own_axes(track), 1
 
-    def one(trees):
+
+def _lanes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, x: Array) -> int | None:
+    leaves = jax.tree.leaves((vehicle, damper, speed, track))
+    if x.ndim == 1 and all(isinstance(leaf, float) for leaf in leaves):
+        return None  # the common case, without a look at every field
+    return count_lanes((vehicle, damper, speed, track, x), _axes(vehicle, damper, speed, track))
+
+
+@functools.cache
+def _compiled(plan: Plan, chunk: int, lanes: int | None, traced: bool) -> Callable[..., tuple[Run, Array]]:
+    """The run as one kernel on CPU; inside a transformation plainly, as it is the outermost function that must be one."""
+    whole = functools.partial(_simulate, plan=plan, chunk=chunk, lanes=lanes)
+    if traced:
+        return jax.jit(whole)
+    wide = lanes is not None and jax.default_backend() == "cpu"
+    return jax.jit(one_kernel(whole), compiler_options=WIDE if wide else None)
+
+
+def _simulate(
+    vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, x: Array, dt: Scalar, settle: Scalar, *, plan: Plan, chunk: int, lanes: int | None
+) -> tuple[Run, Array]:
+    trees = jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), (vehicle, damper, speed, track, x))
+    axes = _axes(*trees[:4])
+
+    def one(trees: tuple) -> Run:
         vehicle, damper, speed, track, x = trees
-        shape = () if lanes is None else jnp.broadcast_shapes(*[_lane_shape(t, a) for t, a in zip(trees, axes, strict=True)])
+        shape = jnp.broadcast_shapes(*[_lane_shape(t, a) for t, a in zip(trees, axes, strict=True)])
         x = jnp.broadcast_to(x.reshape(x.shape + (1,) * (len(shape) + 1 - x.ndim)), (x.shape[0], *shape))
-        result = run(vehicle, damper, speed, track, x, dt, settle, plan)
-        return _wheelsets_flat(result, len(shape))
+        return _wheelsets_flat(run(vehicle, damper, speed, track, x, dt, settle, plan), len(shape))
 
     result = one(trees) if lanes is None else over_lanes(one, trees, axes, lanes, chunk)
+    return result, jnp.where(result.diverged, int(Result.DIVERGED), int(Result.OK))
+
+
+@jax.jit
+def _fastest(vehicle: Vehicle, speed: Speed, damper: Damper) -> Array:
+    """Fastest rate of each lane, 1/s, at the lowest speed."""
     slowest = jnp.min(speed.speed) if isinstance(speed, SpeedProfile) else speed
-    checked = (vehicle, slowest, damper)
-    checked_axes = (axes[0], 0, axes[1])
-    bound = fastest_rate if count_lanes(checked, checked_axes) is None else functools.partial(each_lane, fastest_rate)
-    fastest = bound(*checked) if bound is fastest_rate else bound(checked, checked_axes)
-    code = jnp.where(result.diverged, int(Result.DIVERGED), int(Result.OK))
-    code = jnp.where(dt * fastest > STABLE_RADIUS, int(Result.STEP_TOO_LARGE), code)
-    return result, code
+    trees, axes = (vehicle, slowest, damper), (own_axes(vehicle), 0, own_axes(damper))
+    return fastest_rate(*trees) if count_lanes(trees, axes) is None else each_lane(fastest_rate, trees, axes)
 
 
 def _lane_shape(tree: Any, axes: Any) -> tuple[int, ...]:
@@ -238,9 +262,10 @@ def _check_speed(speed: Speed) -> None:
     values = speed.speed if isinstance(speed, SpeedProfile) else speed
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)):
         return
-    values = jnp.asarray(values, float)
-    if not bool(jnp.all(jnp.isfinite(values) & (values > 0))):
-        raise InputError(f"speed must be positive (m/s), not {float(jnp.min(values)):g}: creepage is a ratio to the speed")
+    # NumPy, because under `jit` even constants become tracers of jax.numpy
+    array = np.asarray(values, float)
+    if not np.all(np.isfinite(array) & (array > 0)):
+        raise InputError(f"speed must be positive (m/s), not {np.min(array):g}: creepage is a ratio to the speed")
 
 
 def _plan(

@@ -9,13 +9,16 @@ from jaxtyping import Array, Float
 from .typing import Scalar
 
 
+#: smallest square told from zero; its root is far below any creep force in adhesion units
+TINY = 1e-30
+
+
 def sqrt_of_square(square: Float[Array, "..."]) -> Float[Array, "..."]:
     """√s for s >= 0 with derivative 0 instead of infinity at s = 0: the norm of a vector whose s = |F|² vanishes.
 
     Right wherever the norm only enters multiplied by F itself, as in a saturation factor.
     """
-    positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+    return jnp.sqrt(jnp.maximum(square, TINY))
 
 
 def smooth_norm(square: Float[Array, "..."], width: Scalar) -> Float[Array, "..."]:

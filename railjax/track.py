@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .errors import InputError
@@ -60,12 +61,7 @@ class SinusoidTrack:
         wavenumber = 2.0 * jnp.pi / self.wavelength
         sine, cosine = self.amplitude * jnp.sin(wavenumber * offset), self.amplitude * jnp.cos(wavenumber * offset)
 
-        def at(start: Distances) -> Distances:
-            # materialised, lest the compiler recompute the sines in every place that uses them
-            phase = jax.lax.optimization_barrier((jnp.cos(wavenumber * start), jnp.sin(wavenumber * start)))
-            return phase[0] * sine + phase[1] * cosine
-
-        return at
+        return lambda start: jnp.cos(wavenumber * start) * sine + jnp.sin(wavenumber * start) * cosine
 
 
 @jax.tree_util.register_dataclass
@@ -95,7 +91,8 @@ def check_track(track: Track) -> None:
     """Refuse a wavelength or length that is not positive, where it is known."""
     for key in ("wavelength", "length"):
         value = getattr(track, key, None)
-        if value is not None and not isinstance(value, jax.core.Tracer) and not bool(jnp.all(jnp.asarray(value) > 0)):
+        # NumPy, because under `jit` even constants become tracers of jax.numpy
+        if value is not None and not isinstance(value, jax.core.Tracer) and not np.all(np.asarray(value) > 0):
             raise InputError(f"track.{key} must be positive (m), not {value}")
 
 

@@ -21,5 +21,5 @@ def check(function: Callable, *arguments: float, step: float = 1e-6, rtol: float
         numeric = float((of_one(argument + h) - of_one(argument - h)) / (2 * h))
         assert np.isfinite(forward), f"argument {index}: forward derivative is {forward}"
         assert np.isfinite(reverse), f"argument {index}: reverse derivative is {reverse}"
-        np.testing.assert_allclose(forward, reverse, rtol=1e-10, atol=1e-12 * (1 + abs(forward)))
+        np.testing.assert_allclose(forward, reverse, rtol=1e-10, atol=1e-3 * atol)
         np.testing.assert_allclose(forward, numeric, rtol=rtol, atol=atol)
