@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from .channels import CHANNELS, check_channel, parse_reduction
 from .dampers import Damper
@@ -113,7 +113,7 @@ def simulate(
     damper: Damper = PASSIVE,
     duration: float = 10.0,
     dt: float = 1e-3,
-    initial: Mapping[str, Any] | Float[Array, "states ..."] | None = None,
+    initial: Mapping[str, Any] | ArrayLike | None = None,
     record: tuple[str, ...] | list[str] = ("carbody_acceleration", "wheelset_y"),
     sample: float | None = None,
     reduce: tuple[str, ...] | list[str] = (),
@@ -228,7 +228,7 @@ def _wheelsets_flat(result, lanes: int):
 
 
 def initial_state(
-    vehicle: Vehicle, damper: Damper, initial: Mapping[str, Any] | Float[Array, "states ..."] | None
+    vehicle: Vehicle, damper: Damper, initial: Mapping[str, Any] | ArrayLike | None
 ) -> Float[Array, "states ..."]:
     """State x from None (rest), an array, or coordinates and rates by name ({"wheelset_y": 5e-3, "bogie_y_rate": ...})."""
     states = state_size(vehicle, damper)

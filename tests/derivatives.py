@@ -12,6 +12,7 @@ def check(function: Callable, *arguments: float, step: float = 1e-6, rtol: float
     arguments = tuple(jnp.asarray(a, float) for a in arguments)
     for index, argument in enumerate(arguments):
 
+        @jax.jit
         def of_one(a, index=index):
             return jnp.sum(function(*arguments[:index], a, *arguments[index + 1 :]))
 

@@ -1,0 +1,62 @@
+"""Linear critical speed: a grid of suspensions as one batch, with its gradient."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import rivals
+
+import railjax
+
+SIDE = 16  # 16 x 16 variants
+RIVAL_VARIANTS = 16
+AGREEMENT = 1e-6  # relative
+
+
+def test_grid_with_gradient(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> None:
+    scale = np.geomspace(0.5, 2.0, SIDE)
+    k_ox, k_oy = (grid.ravel() for grid in np.meshgrid(coach.primary.stiffness_x * scale, coach.primary.stiffness_y * scale))
+
+    def total(k_ox: jax.Array, k_oy: jax.Array) -> tuple[jax.Array, jax.Array]:
+        vehicle = railjax.replace(coach, primary__stiffness_x=k_ox, primary__stiffness_y=k_oy)
+        speed = railjax.linear_critical(vehicle).speed
+        # a variant's speed depends on its own stiffnesses only, so the gradient of the sum holds every variant's
+        return jnp.sum(speed), speed
+
+    both = jax.jit(jax.value_and_grad(total, argnums=(0, 1), has_aux=True))
+    arguments = jnp.asarray(k_ox), jnp.asarray(k_oy)
+    (_, speeds), (by_x, by_y) = jax.block_until_ready(both(*arguments))  # compiles
+    benchmark.pedantic(lambda: jax.block_until_ready(both(*arguments)), rounds=5)
+    ours = benchmark.stats.stats.median / len(k_ox)
+
+    search = rivals.critical_speed_search()
+    chosen = np.linspace(0, len(k_ox) - 1, RIVAL_VARIANTS).round().astype(int)
+    search(k_ox[0], k_oy[0])  # LAPACK is loaded
+    start = time.perf_counter()
+    theirs = np.array([search(k_ox[k], k_oy[k]) for k in chosen])
+    rival = (time.perf_counter() - start) / len(chosen)
+    difference = float(np.max(np.abs(np.asarray(speeds)[chosen] / theirs - 1.0)))
+
+    # the rival's derivative by central differences: four more searches
+    middle, step = chosen[len(chosen) // 2], 1e-3
+    x, y = k_ox[middle], k_oy[middle]
+    by_hand = (search(x * (1 + step), y) - search(x * (1 - step), y)) / (2 * step * x)
+    by_hand_y = (search(x, y * (1 + step)) - search(x, y * (1 - step))) / (2 * step * y)
+    gradient = np.array([by_x[middle], by_y[middle]])
+    error = float(np.linalg.norm(gradient - [by_hand, by_hand_y]) / np.linalg.norm(gradient))
+
+    note(
+        variants=len(k_ox),
+        per_variant_with_gradient_s=ours,
+        numpy_per_variant_s=rival,
+        ratio_to_numpy_value_only=rival / ours,
+        ratio_to_numpy_with_central_differences=5 * rival / ours,
+        largest_relative_difference=difference,
+        gradient_difference=error,
+    )
+    assert np.all(np.isfinite(speeds))
+    assert difference < AGREEMENT
+    assert error < 1e-4

@@ -1,0 +1,186 @@
+"""Linear critical speed, modes, root locus: numbers, derivatives, batches, codes."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+
+import railjax
+from railjax.linear import HIGHEST
+
+SUSPENSION = [path for path, _ in railjax.parameters() if path.startswith(("primary.", "secondary."))]
+
+
+def test_critical_speed_of_the_coach_and_of_table_1(coach, literal):
+    assert float(railjax.linear_critical_speed(coach)) * 3.6 == pytest.approx(245.6, abs=0.1)
+    assert float(railjax.linear_critical_speed(literal)) * 3.6 == pytest.approx(65.2, abs=0.1)
+
+
+def test_critical_speed_is_where_numpy_s_eigenvalues_cross(coach):
+    import reference
+
+    def growth(speed):
+        columns = [reference.rate(np.eye(34)[i], np.zeros(4), speed, "linear") for i in range(34)]
+        return np.linalg.eigvals(np.array(columns).T).real.max()
+
+    crossing = scipy.optimize.brentq(growth, 60.0, 75.0, xtol=1e-11)
+    assert float(railjax.linear_critical_speed(coach)) == pytest.approx(crossing, rel=1e-9)
+
+
+@functools.cache
+def gradients():
+    coach = railjax.load_vehicle("coach")
+    reverse = jax.grad(railjax.linear_critical_speed)(coach)
+    paths = [path for path, _ in railjax.parameters()]
+
+    def of_all(values):
+        vehicle = coach
+        for path, value in zip(paths, values, strict=True):
+            vehicle = railjax.set_parameter(vehicle, path, value)
+        return railjax.linear_critical_speed(vehicle)
+
+    values = [float(railjax.get_parameter(coach, path)) for path in paths]
+    forward = jax.jacfwd(of_all)(values)
+    return {path: (float(railjax.get_parameter(reverse, path)), float(f)) for path, f in zip(paths, forward, strict=True)}
+
+
+@pytest.mark.parametrize("path", SUSPENSION)
+def test_gradient_against_central_differences(coach, path):
+    """Every suspension parameter, those that are zero in the coach too; both modes."""
+    reverse, forward = gradients()[path]
+    value = float(railjax.get_parameter(coach, path))
+    # dampers and anti-roll bar of size zero need a step of their own: about 1 % of a usual value
+    step = 1e-3 * value if value else {"anti_roll_stiffness": 2e4}.get(path.split(".")[1], 50.0)
+    # all four points in one batch; Richardson's combination of two central differences, error of fourth order
+    offsets = np.array([1.0, -1.0, 2.0, -2.0])
+    batch = railjax.set_parameter(coach, path, jnp.asarray(value + step * offsets))
+    near = np.asarray(railjax.linear_critical(batch).speed)
+    once, twice = (near[0] - near[1]) / (2 * step), (near[2] - near[3]) / (4 * step)
+    numeric = (4 * once - twice) / 3
+    # eigenvalues are good to about 1e-12, so a difference over a change of v below 1e-5 m/s cannot show six digits
+    noise = 2e-12 * float(near[0]) / step
+    assert abs(reverse - numeric) <= 1e-6 * abs(numeric) + noise
+    assert noise < 1e-2 * abs(numeric), "the differences must say something"
+    assert forward == pytest.approx(reverse, rel=1e-9)
+
+
+def test_gradient_by_left_and_right_eigenvectors(coach):
+    """dv/dp = -Re(w^H dE/dp r / w^H r) / Re(w^H dE/dv r / w^H r), written out with SciPy's vectors."""
+    import scipy.linalg
+
+    speed = float(railjax.linear_critical_speed(coach))
+    values, left, right = scipy.linalg.eig(np.asarray(railjax.state_matrix(coach, speed)), left=True, right=True)
+    k = values.real.argmax()
+    w, r = left[:, k], right[:, k]
+
+    def rate(tangent):
+        return (w.conj() @ np.asarray(tangent) @ r / (w.conj() @ r)).real
+
+    by_speed = rate(jax.jvp(lambda v: railjax.state_matrix(coach, v), (speed,), (1.0,))[1])
+    for path in ("primary.stiffness_x", "contact.conicity", "bogie.yaw_inertia"):
+        value = float(railjax.get_parameter(coach, path))
+        by_value = rate(
+            jax.jvp(lambda p, path=path: railjax.state_matrix(railjax.set_parameter(coach, path, p), speed), (value,), (1.0,))[1]
+        )
+        assert gradients()[path][0] == pytest.approx(-by_value / by_speed, rel=1e-8)
+
+
+def test_a_second_derivative_is_refused_not_wrong(coach):
+    speed = lambda k: railjax.linear_critical_speed(railjax.replace(coach, primary__stiffness_x=k))  # noqa: E731
+    with pytest.raises(NotImplementedError):
+        jax.grad(jax.grad(speed))(3e6)
+
+
+def test_batch_equals_single_and_marks_failures(coach):
+    conicity = jnp.array([0.14, 1e-4, 0.3, 0.05])
+    found = railjax.linear_critical(railjax.replace(coach, contact__conicity=conicity))
+    assert [railjax.Stability(int(code)).name for code in found.code] == ["OK", "STABLE", "OK", "OK"]
+    assert float(found.speed[1]) == np.inf
+    assert np.isnan(float(found.frequency[1]))
+    for k in (0, 2, 3):
+        alone = railjax.linear_critical_speed(railjax.replace(coach, contact__conicity=float(conicity[k])))
+        assert float(found.speed[k]) == pytest.approx(float(alone), rel=1e-10)
+    # gradients of the good lanes are not spoilt by the bad one
+    total = lambda c: jnp.sum(jnp.where(jnp.isfinite(s := railjax.linear_critical(railjax.replace(coach, contact__conicity=c)).speed), s, 0.0))  # noqa: E731, E501
+    assert np.all(np.isfinite(np.asarray(jax.grad(total)(conicity))))
+
+
+def test_no_critical_speed_is_said(coach):
+    with pytest.raises(railjax.NumericalError, match="stable up to 540 km/h"):
+        railjax.linear_critical_speed(railjax.replace(coach, contact__conicity=1e-4))
+    soft = railjax.replace(coach, primary__stiffness_x=1e3, primary__stiffness_y=1e4, contact__conicity=0.4)
+    with pytest.raises(railjax.NumericalError, match="unstable at"):
+        railjax.linear_critical_speed(soft, lowest=20.0)
+
+
+def test_gyroscopic_and_gravitational_terms_move_it_a_little(coach):
+    base = float(railjax.linear_critical_speed(coach))
+    for option in ("gyroscopic", "gravitational"):
+        moved = float(railjax.linear_critical_speed(railjax.replace(coach, **{option: True})))
+        assert 1e-4 < abs(moved - base) / base < 0.1
+
+
+def test_modes_of_the_coach(coach):
+    found = railjax.modes(coach, 245.6 / 3.6)
+    names = dict(zip(found.names, found.frequency, strict=True))
+    assert found.names[0] == "bogie hunting, bogies in phase"
+    assert names["bogie hunting, bogies in phase"] == pytest.approx(6.03, abs=0.01)
+    assert names["car body lower sway"] == pytest.approx(0.50, abs=0.01)
+    assert names["car body upper sway"] == pytest.approx(1.00, abs=0.01)
+    assert names["car body yaw"] == pytest.approx(0.70, abs=0.01)
+    assert len(set(found.names)) == len(found.names)
+    assert found.damping_ratio[0] == pytest.approx(0.0, abs=1e-4)
+    np.testing.assert_allclose(found.energy.sum(axis=0), 1.0)
+    assert found.condition.min() >= 1.0
+    # each is an eigenpair
+    matrix = np.asarray(railjax.state_matrix(coach, 245.6 / 3.6))
+    np.testing.assert_allclose(matrix @ found.right, found.right * found.eigenvalues, atol=1e-8)
+    # all eigenvalues are there: pairs twice, real ones once
+    assert 2 * np.sum(found.eigenvalues.imag > 0) + np.sum(found.eigenvalues.imag == 0) == 34
+    assert "245.6 km/h" in str(found)
+
+
+def test_condition_tells_how_an_eigenvalue_moves(coach):
+    found = railjax.modes(coach, 60.0)
+    matrix = np.asarray(railjax.state_matrix(coach, 60.0))
+    rng = np.random.default_rng(0)
+    direction = rng.normal(size=(34, 34))
+    direction *= 1e-6 / np.linalg.norm(direction, 2)
+    moved = np.linalg.eigvals(matrix + direction)
+    for value, condition in zip(found.eigenvalues, found.condition, strict=True):
+        assert np.abs(moved - value).min() <= 1.01 * condition * 1e-6 + 1e-9
+
+
+def test_root_locus_is_continuous_and_keeps_its_names(coach):
+    speeds = np.linspace(100.0, 300.0, 41) / 3.6
+    locus = railjax.root_locus(coach, speeds)
+    assert locus.eigenvalues.shape == (41, len(locus.names))
+    # oscillating modes move smoothly; overdamped ones may meet on the real axis and part again
+    oscillating = locus.damping_ratio.max(axis=0) < 0.8
+    assert oscillating.sum() >= 11
+    bends = np.abs(np.diff(locus.eigenvalues[:, oscillating], n=2, axis=0))
+    assert bends.max() < 0.1
+    hunting = locus.names.index("bogie hunting, bogies in phase")
+    growth = locus.eigenvalues[:, hunting].real
+    assert np.all(np.diff(growth) > 0)
+    assert np.interp(0.0, growth, speeds * 3.6) == pytest.approx(245.6, abs=0.2)
+    sway = locus.names.index("car body lower sway")
+    assert np.ptp(locus.eigenvalues[:, sway].imag) < 0.05
+    for k in range(41):
+        full = np.linalg.eigvals(np.asarray(railjax.state_matrix(coach, speeds[k])))
+        assert np.abs(full[:, None] - locus.eigenvalues[k]).min(axis=0).max() < 1e-6
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0])
+def test_modes_at_no_speed_are_refused(coach, speed):
+    with pytest.raises(railjax.InputError, match="speed must be positive"):
+        railjax.modes(coach, speed)
+    with pytest.raises(railjax.InputError, match="rising order"):
+        railjax.root_locus(coach, np.array([speed, 10.0]))
+
+
+def test_search_range_is_as_documented():
+    assert HIGHEST * 3.6 == pytest.approx(540.0)
