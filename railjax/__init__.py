@@ -12,8 +12,8 @@ Importing it changes no JAX configuration and starts no backend.
 from .channels import CHANNELS
 from .dampers import PassiveDamper
 from .errors import InputError, NumericalError
-from .kernels import jit
 from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
+from .kernels import jit
 from .lanes import use_all_cores
 from .linear import Stability, linear_critical, linear_critical_speed
 from .modes import Modes, RootLocus, modes, root_locus

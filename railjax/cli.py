@@ -1,6 +1,7 @@
 """The command line `railjax`: exit status 0, 1 (numerical failure) or 2 (bad input, one line), never a traceback."""
 
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +16,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-VehicleName = Annotated[str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")]
+VehicleName = Annotated[
+    str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]
 
 
@@ -60,7 +63,17 @@ def _load(name: str) -> Any:
 
 
 def _show(content: dict[str, Any], lines: list[str], as_json: bool) -> None:
-    print(json.dumps(content) if as_json else "\n".join(lines))
+    from .report import without_nan
+
+    print(json.dumps(without_nan(content), allow_nan=False) if as_json else "\n".join(lines))
+
+
+def _finite(positive: bool = True, **options: float | None) -> None:
+    """Refuse options that are not finite (and positive); None is an option that was not given."""
+    for name, value in options.items():
+        if value is not None and not (math.isfinite(value) and (value > 0 or not positive)):
+            kind = "a positive, finite number" if positive else "a finite number"
+            raise InputError(f"--{name.replace('_', '-')} must be {kind}, not {value:g}")
 
 
 @app.command()
@@ -86,14 +99,26 @@ def modes(
     from .modes import modes as compute
     from .units import KMH
 
+    _finite(speed_kmh=speed_kmh)
     found = compute(_load(vehicle), speed_kmh / KMH)
     content = {
         "vehicle": vehicle,
         "speed_kmh": speed_kmh,
         "modes": [
-            {"name": name, "frequency_hz": float(f), "damping_ratio": float(z), "growth_per_s": float(value.real), "condition": float(c)}
+            {
+                "name": name,
+                "frequency_hz": float(f),
+                "damping_ratio": float(z),
+                "growth_per_s": float(value.real),
+                "condition": float(c),
+            }
             for name, f, z, value, c in zip(
-                found.names, found.frequency, found.damping_ratio, found.eigenvalues, found.condition, strict=True
+                found.names,
+                found.frequency,
+                found.damping_ratio,
+                found.eigenvalues,
+                found.condition,
+                strict=True,
             )
         ],
     }
@@ -151,11 +176,15 @@ def simulate(
     from . import simulate as run
     from .units import KMH
 
+    _finite(speed_kmh=speed_kmh, wavelength_m=wavelength_m, bump_m=bump_m, duration_s=duration_s, dt_s=dt_s)
+    _finite(positive=False, amplitude_mm=amplitude_mm)
     loaded = _load(vehicle)
     if out is not None and out.suffix not in (".csv", ".nc", ".png"):
         raise InputError(f"--out {out}: the name must end in .csv, .nc or .png")
     track = SinusoidTrack(amplitude_mm / 1e3, wavelength_m) if bump_m is None else BumpTrack(amplitude_mm / 1e3, bump_m)
     channels = [name.strip() for name in record.split(",") if name.strip()]
+    if not channels:
+        raise InputError("--record names no channel; give one, like carbody_acceleration")
     sums = [f"{how}:{name}" for name in channels for how in ("rms", "peak")]
     result = run(loaded, speed_kmh / KMH, track=track, duration=duration_s, dt=dt_s, record=channels, reduce=sums)
     if int(result.code) == Result.DIVERGED:
@@ -213,12 +242,14 @@ def reproduce(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     from . import use_all_cores, use_double_precision
+    from .report import number
     from .reproduce import reproduce as run
 
     use_double_precision()
     use_all_cores()
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    # not into a file or a pipe, where errors are to be the only line
+    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=None)
 
         def advance(title: str, done: int, total: int) -> None:
@@ -226,8 +257,8 @@ def reproduce(
 
         results = run(out, only=only, fresh=fresh, progress=advance)
     lines = [
-        f"{q['name']}: {q['computed']:.6g} {q['unit']}"
-        + ("" if q["paper"] is None else f" (paper {q['paper']:.6g})")
+        f"{q['name']}: {number(q['computed'])} {q['unit']}"
+        + ("" if q["paper"] is None else f" (paper {number(q['paper'])})")
         + (" - fitted" if q["fitted"] else "")
         for q in results["quantities"]
     ]

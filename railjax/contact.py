@@ -35,7 +35,12 @@ class ContactForce(NamedTuple):
 
 
 def creepages(
-    vehicle: Vehicle, slowness: Scalar, y_rel: Wheelsets, psi: Wheelsets, y_rate: Wheelsets, psi_rate: Wheelsets
+    vehicle: Vehicle,
+    slowness: Scalar,
+    y_rel: Wheelsets,
+    psi: Wheelsets,
+    y_rate: Wheelsets,
+    psi_rate: Wheelsets,
 ) -> Creepage:
     """xi_x = e psi'/v + lambda y_rel/r_0,  xi_y = y'/v - psi,  xi_s = psi'/v, with y_rel the displacement on the track, m.
 
@@ -96,9 +101,7 @@ def contact_force(vehicle: Vehicle, creepage: Creepage, y_rel: Wheelsets, psi: W
     flange = flange_force(contact, y_rel)
     force = factor * (lateral + contact.creep_lateral_spin * creepage.spin) + flange
     moment = factor * (
-        half_gauge * longitudinal
-        - contact.creep_lateral_spin * creepage.lateral
-        + contact.creep_spin * creepage.spin
+        half_gauge * longitudinal - contact.creep_lateral_spin * creepage.lateral + contact.creep_spin * creepage.spin
     )
     if vehicle.gravitational:
         weight = 2.0 * contact.wheel_load * contact.conicity

@@ -69,7 +69,7 @@ def rk4(rate: Callable[[Inputs, State], State], x: State, first: State, dt: Scal
 
 def largest_divisor(number: int, limit: int) -> int:
     """The largest divisor of `number` not above `limit`."""
-    return next(d for d in range(min(number, limit), 0, -1) if number % d == 0)
+    return next(d for d in range(min(number, limit), 0, -1) if number % d == 0)  # at most 1e5 trials: limits are roots
 
 
 def run(
@@ -138,9 +138,7 @@ def run(
 
     steps = plan.samples * plan.every
     counted = jnp.maximum(steps - jnp.ceil(settle / dt - 1e-9), 1.0).astype(x.dtype)
-    totals = {
-        name: _finish(how, total, counted) for name, (how, _), total in zip(plan.reduce, reductions, sums, strict=True)
-    }
+    totals = {name: _finish(how, total, counted) for name, (how, _), total in zip(plan.reduce, reductions, sums, strict=True)}
     within = jnp.max(jnp.abs(x[: size(vehicle)]), axis=0) < DIVERGED
     return Run(records, totals, x, jnp.any(outside, axis=(0, 1)) | ~within)
 

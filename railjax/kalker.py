@@ -78,7 +78,10 @@ def kalker_coefficients(ratio: Scalar, poisson: Scalar = STEEL_POISSON) -> Kalke
     ratio, poisson = jnp.asarray(ratio, float), jnp.asarray(poisson, float)
     abscissa = jnp.log(ratio)
     weights = [
-        jnp.prod(jnp.stack([(poisson - _POISSON[j]) / (_POISSON[i] - _POISSON[j]) for j in range(3) if j != i]), axis=0)
+        jnp.prod(
+            jnp.stack([(poisson - _POISSON[j]) / (_POISSON[i] - _POISSON[j]) for j in range(3) if j != i]),
+            axis=0,
+        )
         for i in range(3)
     ]
 
@@ -110,8 +113,8 @@ def contact_ellipse(
     # the longer semi-axis lies in the direction of the smaller curvature
     small, large = jnp.minimum(along, across), jnp.maximum(along, across)
     k = _axis_ratio(large / small)  # minor / major
-    first, second = _elliptic_integrals(1.0 - k**2)
-    # B/A = ((1/k)² E - K)/(K - E) and a² (A + B) = 3 P E/(2 pi E') (1/k)² (...), with a the major semi-axis
+    _, second = _elliptic_integrals(1.0 - k**2)
+    # a³ = 3 P E(m)/(2 pi E' k² (A + B)), a the major semi-axis, m = 1 - k²
     major = (3.0 * load * second / (2.0 * jnp.pi * modulus * k**2 * (small + large))) ** (1.0 / 3.0)
     minor = k * major
     return ContactEllipse(jnp.where(along <= across, major, minor), jnp.where(along <= across, minor, major))
@@ -134,9 +137,7 @@ def creep_coefficients(
     c = kalker_coefficients(a / b, poisson)
     shear = youngs_modulus / (2.0 * (1.0 + poisson))
     area = a * b
-    return CreepCoefficients(
-        shear * area * c.c11, shear * area * c.c22, shear * area**1.5 * c.c23, shear * area**2 * c.c33
-    )
+    return CreepCoefficients(shear * area * c.c11, shear * area * c.c22, shear * area**1.5 * c.c23, shear * area**2 * c.c33)
 
 
 def _elliptic_integrals(m: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
@@ -164,9 +165,11 @@ def _axis_ratio(curvatures: Float[Array, "..."]) -> Float[Array, "..."]:
     circle = curvatures <= 1.0 + 1e-9
     safe = jnp.where(circle, 2.0, curvatures)
 
+    tolerance = float(jnp.finfo(safe.dtype).eps) ** 0.75
+
     def residual(log_k: Float[Array, "..."], ratio: Float[Array, "..."]) -> Float[Array, "..."]:
         return jnp.log(_curvature_ratio(jnp.exp(log_k))) - jnp.log(ratio)
 
-    solver = optimistix.Newton(rtol=1e-12, atol=1e-12)
+    solver = optimistix.Newton(rtol=tolerance, atol=tolerance)
     log_k = optimistix.root_find(residual, solver, -(2.0 / 3.0) * jnp.log(safe), args=safe, max_steps=50).value
     return jnp.where(circle, curvatures ** (-2.0 / 3.0), jnp.exp(log_k))

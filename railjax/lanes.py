@@ -4,6 +4,7 @@ A lane is one simulation of a batch; it lives on the trailing axis of every arra
 """
 
 import dataclasses
+import functools
 import os
 from collections.abc import Callable
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 
 from .errors import InputError
+from .kernels import WIDE, one_kernel
 
 #: lanes integrated together on one device; beyond 40 (JAX 0.10.1) or 56 (0.12) lanes a step on CPU takes twice as long per lane
 CHUNK = 32
@@ -61,39 +63,78 @@ def count_lanes(trees: Any, axes: Any) -> int | None:
     return counts.pop() if counts else None
 
 
-def over_lanes(function: Callable[[Any], Any], trees: Any, axes: Any, lanes: int, chunk: int = CHUNK) -> Any:
-    """`function(trees)` for all lanes: chunk by chunk on every device; each output carries its lanes on the last axis.
+def over_lanes(
+    function: Callable[[Any], Any],
+    trees: Any,
+    axes: Any,
+    lanes: int,
+    chunk: int = CHUNK,
+    spread: bool = False,
+) -> Any:
+    """`function(trees)` for all lanes: chunk by chunk; each output carries its lanes on the last axis.
 
-    The last chunk is filled up with copies of the last lane, which are dropped.
+    The last chunk is filled up with copies of the last lane, which are dropped. With `spread`, and outside of transformations,
+    the chunks are spread over all devices and each device's share becomes one kernel; `function` must be the same object in
+    every call then, as it is compiled only once, and may not call LAPACK (whose own threads deadlock with those of two CPU
+    devices at work; seen with JAX 0.10.1).
     """
-    devices = len(jax.local_devices())
-    chunk = max(1, min(chunk, -(-lanes // devices)))
-    chunks = -(-lanes // (chunk * devices))
-    total = chunk * chunks * devices
     leaves, structure = jax.tree.flatten(trees)
-    batched = [jnp.ndim(leaf) > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True)]
-    filled = [
-        jnp.pad(leaf, [(0, 0)] * (jnp.ndim(leaf) - 1) + [(0, total - lanes)], mode="edge") if lane else leaf
-        for leaf, lane in zip(leaves, batched, strict=True)
-    ]
-    moved = [_chunked(leaf, devices * chunks, chunk) for leaf, lane in zip(filled, batched, strict=True) if lane]
-    shared = [leaf for leaf, lane in zip(filled, batched, strict=True) if not lane]
+    batched = tuple(jnp.ndim(leaf) > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True))
+    if not spread or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+        prepare, work, finish = _stages(function, structure, batched, lanes, chunk, 1)
+    else:
+        devices = len(jax.local_devices())
+        prepare, work, finish = _compiled_stages(function, structure, batched, lanes, chunk, devices)
+    return finish(work(*prepare(leaves)))
 
-    def on_device(shared: list, moved: list) -> Any:
+
+def _stages(
+    function: Callable[[Any], Any],
+    structure: Any,
+    batched: tuple[bool, ...],
+    lanes: int,
+    chunk: int,
+    devices: int,
+) -> tuple[Callable, Callable, Callable]:
+    """Cut into chunks; run each device's; put the lanes together again."""
+    chunk = max(1, min(chunk, -(-lanes // devices)))
+    chunks = -(-lanes // (chunk * devices)) * devices
+    missing = chunk * chunks - lanes
+
+    def prepare(leaves: list) -> tuple[list, list]:
+        shared = [leaf for leaf, lane in zip(leaves, batched, strict=True) if not lane]
+        own = [jnp.asarray(leaf) for leaf, lane in zip(leaves, batched, strict=True) if lane]
+        filled = [jnp.pad(leaf, [(0, 0)] * (leaf.ndim - 1) + [(0, missing)], mode="edge") for leaf in own]
+        return shared, [_chunked(leaf, chunks, chunk) for leaf in filled]
+
+    def work(shared: list, moved: list) -> Any:
         def one_chunk(pieces: list) -> Any:
             here, alike = iter(pieces), iter(shared)
             return function(structure.unflatten([next(here) if lane else next(alike) for lane in batched]))
 
         return jax.lax.map(one_chunk, moved)
 
-    if devices > 1:
-        mesh = Mesh(np.array(jax.local_devices()), ("lane",))
-        spread = PartitionSpec("lane")
-        on_device = jax.shard_map(
-            on_device, mesh=mesh, in_specs=(PartitionSpec(), spread), out_specs=spread, check_vma=False
-        )
-    result = on_device(shared, moved)
-    return jax.tree.map(lambda leaf: _joined(leaf)[..., :lanes], result)
+    def finish(result: Any) -> Any:
+        return jax.tree.map(lambda leaf: _joined(leaf)[..., :lanes], result)
+
+    return prepare, work, finish
+
+
+@functools.cache
+def _compiled_stages(*arguments: Any) -> tuple[Callable, Callable, Callable]:
+    """Three compilations, because only a function without exchange between devices can be one kernel."""
+    prepare, work, finish = _stages(*arguments)
+    options = WIDE if jax.default_backend() == "cpu" else None
+    return jax.jit(prepare), jax.jit(_on_devices(one_kernel(work)), compiler_options=options), jax.jit(finish)
+
+
+def _on_devices(work: Callable) -> Callable:
+    """Spread the chunks, the first axis of the second argument, over the devices."""
+    if len(jax.local_devices()) == 1:
+        return work
+    mesh = Mesh(np.array(jax.local_devices()), ("lane",))
+    spread = PartitionSpec("lane")
+    return jax.shard_map(work, mesh=mesh, in_specs=(PartitionSpec(), spread), out_specs=spread, check_vma=False)
 
 
 def _chunked(leaf: jax.Array, chunks: int, chunk: int) -> jax.Array:

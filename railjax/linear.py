@@ -28,6 +28,7 @@ class Stability(IntEnum):
     OK = 0
     STABLE = 1  # no crossing up to the highest speed: the critical speed is given as infinity
     UNSTABLE = 2  # unstable at the lowest speed already: the critical speed is given as NaN
+    FAILED = 3  # eigenvalues not finite, or the crossing could not be resolved: the critical speed is given as NaN
 
 
 class LinearCritical(NamedTuple):
@@ -47,15 +48,18 @@ def linear_critical_speed(
 
     Differentiable once with respect to every float of the vehicle, in both modes (a second derivative raises an error). With
     lanes in the vehicle the result has one value per lane: inf where stable up to `highest`, NaN where unstable at `lowest`
-    already. For a single vehicle these two raise `NumericalError`. Needs double precision.
+    already or not computable. For a single vehicle these raise `NumericalError`. Needs double precision.
     """
     found = linear_critical(vehicle, damper=damper, lowest=lowest, highest=highest)
     if not isinstance(found.code, jax.core.Tracer) and found.code.ndim == 0:
         if int(found.code) == Stability.STABLE:
             raise NumericalError(f"no linear critical speed: straight running is stable up to {highest * KMH:.0f} km/h")
         if int(found.code) == Stability.UNSTABLE:
+            raise NumericalError(f"no linear critical speed: straight running is unstable at {lowest * KMH:.1f} km/h already")
+        if int(found.code) == Stability.FAILED:
             raise NumericalError(
-                f"no linear critical speed: straight running is unstable at {lowest * KMH:.1f} km/h already"
+                "no linear critical speed: the eigenvalues of the state matrix are not finite or cannot be resolved; "
+                "look for a mass or stiffness that is far from any vehicle's"
             )
     return found.speed
 
@@ -65,18 +69,18 @@ def linear_critical(
 ) -> LinearCritical:
     """As `linear_critical_speed`, with frequency and result code instead of errors."""
     require_double_precision("the linear critical speed")
-    return _critical(without_labels(vehicle), damper, lowest, highest)
-
-
-@jax.jit
-def _critical(vehicle: Vehicle, damper: Damper, lowest: Scalar, highest: Scalar) -> LinearCritical:
-    trees = (vehicle, damper)
-    axes = (own_axes(vehicle), own_axes(damper))
-    one = functools.partial(_single, lowest=lowest, highest=highest)
+    trees = (without_labels(vehicle), damper, lowest, highest)
+    axes = (own_axes(vehicle), own_axes(damper), 0, 0)
     lanes = count_lanes(trees, axes)
+    return _critical(trees, lanes)
+
+
+@functools.partial(jax.jit, static_argnames="lanes")
+def _critical(trees: tuple, lanes: int | None) -> LinearCritical:
     if lanes is None:
-        return one(*trees)
-    return over_lanes(lambda chunk: each_lane(one, chunk, axes), trees, axes, lanes)
+        return _single(*trees)
+    axes = (own_axes(trees[0]), own_axes(trees[1]), 0, 0)
+    return over_lanes(lambda chunk: each_lane(_single, chunk, axes), trees, axes, lanes)
 
 
 def eigenvalues(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Complex[Array, "states"]:
@@ -93,9 +97,11 @@ def _single(vehicle: Vehicle, damper: Damper, lowest: Scalar, highest: Scalar) -
     fixed_vehicle, fixed_damper = jax.lax.stop_gradient((vehicle, damper))
     growth = functools.partial(_growth, fixed_vehicle, fixed_damper)
     speeds = jnp.linspace(lowest, highest, POINTS)
-    unstable = jax.lax.map(growth, speeds) > 0
+    growths = jax.lax.map(growth, speeds)
+    unstable = growths > 0
     first = jnp.argmax(unstable)
     code = jnp.where(~jnp.any(unstable), int(Stability.STABLE), jnp.where(first == 0, int(Stability.UNSTABLE), 0))
+    code = jnp.where(jnp.all(jnp.isfinite(growths)), code, int(Stability.FAILED))
     bracket = speeds[jnp.maximum(first - 1, 0)], speeds[jnp.maximum(first, 1)]
 
     # Bisection on the largest real part stays with the first crossing even where modes cross each other below it
@@ -117,6 +123,9 @@ def _single(vehicle: Vehicle, damper: Damper, lowest: Scalar, highest: Scalar) -
     slope = jax.jvp(lambda v: mode(fixed_vehicle, fixed_damper, v), (near,), (jnp.ones_like(near),))[1].real
     eigenvalue = mode(vehicle, damper, near)
     speed = near - eigenvalue.real / slope
+    # the step must stay within the grid's bracket, else the crossing is lost in round-off
+    resolved = jnp.abs(speed - near) <= (highest - lowest) / POINTS
+    code = jnp.where((code == Stability.OK) & ~resolved, int(Stability.FAILED), code)
     nothing = jnp.where(code == Stability.STABLE, jnp.inf, jnp.nan)
     found = code == Stability.OK
     return LinearCritical(

@@ -7,7 +7,7 @@ from jaxtyping import Complex, Float
 
 from .dampers import Damper
 from .deflections import labels, layout, size
-from .errors import InputError
+from .errors import InputError, NumericalError
 from .motion import PASSIVE, matrices, state_matrix
 from .precision import require_double_precision
 from .typing import Scalar
@@ -42,13 +42,14 @@ class Modes:
     @property
     def damping_ratio(self) -> Float[np.ndarray, "modes"]:
         """zeta = -Re(lambda)/|lambda|; negative means unstable."""
-        return -self.eigenvalues.real / np.abs(self.eigenvalues)
+        return _damping(self.eigenvalues)
 
     def __str__(self) -> str:
-        lines = [f"Modes at {self.speed * KMH:.1f} km/h", f"{'mode':42s} {'Hz':>8s} {'damping':>8s} {'1/s':>10s}"]
-        for name, frequency, damping, value in zip(
-            self.names, self.frequency, self.damping_ratio, self.eigenvalues, strict=True
-        ):
+        lines = [
+            f"Modes at {self.speed * KMH:.1f} km/h",
+            f"{'mode':42s} {'Hz':>8s} {'damping':>8s} {'1/s':>10s}",
+        ]
+        for name, frequency, damping, value in zip(self.names, self.frequency, self.damping_ratio, self.eigenvalues, strict=True):
             lines.append(f"{name:42s} {frequency:8.3f} {damping:8.4f} {value.real:10.4f}")
         return "\n".join(lines)
 
@@ -56,23 +57,32 @@ class Modes:
 def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
     """Eigenvalues and shapes of E (eq. 4) at `speed` in m/s, named by their kinetic energy. Needs double precision."""
     require_double_precision("the modes")
-    if not float(speed) > 0:
+    if not 0 < float(speed) < float("inf"):
         raise InputError(f"speed must be positive (m/s), not {float(speed):g}: creepage is a ratio to the speed")
     from scipy.linalg import eig  # here, for a quick import of railjax
 
     matrix = np.asarray(state_matrix(vehicle, speed, damper))
+    if not np.all(np.isfinite(matrix)):
+        raise NumericalError("the state matrix is not finite; look for a mass or stiffness that is far from any vehicle's")
     values, left, right = eig(matrix, left=True, right=True)
     keep = np.flatnonzero(values.imag >= 0)
     keep = keep[np.argsort(-values[keep].real, kind="stable")]
     values, left, right = values[keep], left[:, keep], right[:, keep]
     n = size(vehicle)
     energy = np.diag(np.asarray(matrices(vehicle, speed).mass))[:, None] * np.abs(right[n : 2 * n]) ** 2
+    # a rigid-body mode at rest has no kinetic energy; it counts by its shape
+    energy = np.where(energy.sum(axis=0) > 0, energy, np.abs(right[:n]) ** 2)
     energy = energy / energy.sum(axis=0)
     leading = np.argmax(energy, axis=0)
     shapes = right[:n] / right[:n][leading, np.arange(len(keep))]
     condition = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))
     names = _names(vehicle, values, shapes, energy)
     return Modes(float(speed), names, values, shapes, energy, condition, labels(vehicle), right, left)
+
+
+def _damping(values: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """zeta = -Re(lambda)/|lambda|; 0 for a rigid-body mode, lambda = 0."""
+    return -values.real / np.maximum(np.abs(values), np.finfo(float).tiny)
 
 
 def _names(vehicle: Vehicle, values: np.ndarray, shapes: np.ndarray, energy: np.ndarray) -> list[str]:
@@ -82,7 +92,7 @@ def _names(vehicle: Vehicle, values: np.ndarray, shapes: np.ndarray, energy: np.
     for group, shape in layout(vehicle).items():
         rows[group] = slice(start, start + int(np.prod(shape)))
         start = rows[group].stop
-    damping = -values.real / np.maximum(np.abs(values), 1e-300)
+    damping = _damping(values)
     names = []
     hunting = []
     for k in range(len(values)):
@@ -153,7 +163,7 @@ class RootLocus:
     @property
     def damping_ratio(self) -> Float[np.ndarray, "speeds modes"]:
         """zeta = -Re(lambda)/|lambda|."""
-        return -self.eigenvalues.real / np.abs(self.eigenvalues)
+        return _damping(self.eigenvalues)
 
 
 def root_locus(vehicle: Vehicle, speeds: Float[np.ndarray, "speeds"], damper: Damper = PASSIVE) -> RootLocus:

@@ -85,7 +85,7 @@ def motion(
     count, bogies = size(vehicle), len(vehicle.geometry.bogie_pattern)
     flat, flat_rates, internal = jax.lax.split(x, (count, count, damper.internal_states * bogies))
     q, rates = split(vehicle, flat), split(vehicle, flat_rates)
-    internal = internal.reshape((damper.internal_states, bogies) + x.shape[1:])
+    internal = internal.reshape((damper.internal_states, bogies, *x.shape[1:]))
 
     with jax.named_scope("deflections"):
         deflection, rate = deflections(vehicle, q), deflections(vehicle, rates)
@@ -93,9 +93,7 @@ def motion(
         forces = suspension_forces(vehicle, deflection, rate)
     with jax.named_scope("damper"):
         if "secondary_y" in deflection:
-            damper_force, internal_rate = damper.force(
-                vehicle, deflection["secondary_y"], rate["secondary_y"], internal
-            )
+            damper_force, internal_rate = damper.force(vehicle, deflection["secondary_y"], rate["secondary_y"], internal)
             forces["secondary_y"] = forces["secondary_y"] + damper_force
         else:
             damper_force, internal_rate = jnp.zeros_like(q["wheelset_y"][:, 0]), jnp.zeros_like(internal)
@@ -112,9 +110,7 @@ def motion(
         generalised = transposed(vehicle, q)(forces)
         inertia = inertias(vehicle)
         accelerations = {name: force * (-1.0 / inertia[name]) for name, force in generalised.items()}
-    return Motion(
-        q, rates, accelerations, deflection, rate, contact, damper_force, internal_rate, alignment, slowness
-    )
+    return Motion(q, rates, accelerations, deflection, rate, contact, damper_force, internal_rate, alignment, slowness)
 
 
 def gyroscopic_coupling(vehicle: Vehicle, slowness: Scalar) -> Scalar:
@@ -133,7 +129,7 @@ def state_rate(vehicle: Vehicle, instant: Motion) -> Float[Array, "states *lanes
     pieces = join(vehicle, instant.rates) + join(vehicle, instant.accelerations)
     internal = instant.internal_rate
     if internal.shape[0]:
-        pieces.append(internal.reshape((-1,) + internal.shape[2:]))
+        pieces.append(internal.reshape((-1, *internal.shape[2:])))
     return jnp.concatenate(pieces)
 
 

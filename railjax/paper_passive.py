@@ -5,7 +5,7 @@ import numpy as np
 
 from .linear import linear_critical, linear_critical_speed
 from .modes import modes, root_locus
-from .plots import figure, histories, locus, mark_paper
+from .plots import figure, histories, legend_above, locus, mark_paper
 from .simulate import Simulation, simulate
 from .study import Context, Outcome, Picture, Quantity, Statement, study
 from .track import SinusoidTrack
@@ -34,17 +34,32 @@ def critical_speed(context: Context) -> Outcome:
     weight = float(coach.carbody.mass + 2 * coach.bogie.mass + 4 * coach.wheelset.mass) * 10.0 / 8.0
     quantities = [
         Quantity("linear critical speed", "section 2", PAPER_LINEAR, float(ours.speed) * KMH, "km/h", True, 0.1),
-        Quantity("linear critical speed, Table 1 to the letter", "section 2", PAPER_LINEAR, literal, "km/h", False, 0.1),
+        Quantity(
+            "linear critical speed, Table 1 to the letter",
+            "section 2",
+            PAPER_LINEAR,
+            literal,
+            "km/h",
+            False,
+            0.1,
+        ),
         Quantity("wheel load from the masses, g = 10 m/s^2", "Table 1", 51250.0, weight, "N", False, 1.0),
-        Quantity("frequency of the critical mode", "(not in the paper)", None, float(ours.frequency), "Hz", False, None),
+        Quantity(
+            "frequency of the critical mode",
+            "(not in the paper)",
+            None,
+            float(ours.frequency),
+            "Hz",
+            False,
+            None,
+        ),
     ]
     at_critical = modes(context.coach, float(ours.speed))
     tracked = root_locus(context.coach, np.linspace(10.0, 300.0, 59) / KMH)
-    with figure(height=4.2) as (page, axes):
-        locus(axes[0, 0], tracked)
-        mark_paper(axes[0, 0], PAPER_LINEAR, f"paper: {PAPER_LINEAR} km/h", horizontal=False)
+    with figure(height=5.4) as (page, axes):
+        mark_paper(axes[0, 0], PAPER_LINEAR, f"paper: linear critical speed {PAPER_LINEAR} km/h", horizontal=False)
+        locus(axes[0, 0], tracked, limit=0.55)
         axes[0, 0].set_ylim(-5, 60)
-        axes[0, 0].legend(loc="upper right")
     name = at_critical.names[0]
     picture = Picture(
         "root-locus",
@@ -72,8 +87,18 @@ def _periodic_run(vehicle: Vehicle, **options) -> Simulation:
 def periodic_response(context: Context) -> Outcome:
     """Lateral, yaw and roll of car body, leading bogie and leading wheelset."""
     motions = {
-        "lateral displacement": ({"carbody_y": "car body", "bogie_y": "bogie", "wheelset_y": "wheelset"}, 1e3, "mm", "fig-2"),
-        "yaw": ({"carbody_psi": "car body", "bogie_psi": "bogie", "wheelset_psi": "wheelset"}, 1e3, "mrad", "fig-3"),
+        "lateral displacement": (
+            {"carbody_y": "car body", "bogie_y": "bogie", "wheelset_y": "wheelset"},
+            1e3,
+            "mm",
+            "fig-2",
+        ),
+        "yaw": (
+            {"carbody_psi": "car body", "bogie_psi": "bogie", "wheelset_psi": "wheelset"},
+            1e3,
+            "mrad",
+            "fig-3",
+        ),
         "roll": ({"carbody_phi": "car body", "bogie_phi": "bogie"}, 1e3, "mrad", "fig-4"),
     }
     channels = [channel for names, *_ in motions.values() for channel in names]
@@ -116,7 +141,10 @@ def wavelength_sensitivity(context: Context) -> Outcome:
     with figure(rows=2, height=2.9, share_x=True) as (page, axes):
         span = {}
         for row, (channel, label) in enumerate(
-            (("carbody_acceleration", "car body acceleration,\nr.m.s., m/s²"), ("wheelset_y", "leading wheelset,\nr.m.s., mm"))
+            (
+                ("carbody_acceleration", "car body acceleration,\nr.m.s., m/s²"),
+                ("wheelset_y", "leading wheelset,\nr.m.s., mm"),
+            )
         ):
             for kmh, colour in speeds.items():
                 for amplitude, style in ((1e-3, "--"), (AMPLITUDE, "-")):
@@ -128,7 +156,7 @@ def wavelength_sensitivity(context: Context) -> Outcome:
                     span[channel, kmh, amplitude] = values
             axes[row, 0].axvline(WAVELENGTH, color="0.35", linestyle=":", label=f"chosen: {WAVELENGTH:g} m")
             axes[row, 0].set(ylabel=label, ylim=(0, None), xlim=(6, 60))
-        axes[0, 0].legend(ncols=2)
+        legend_above(axes[0, 0], 4)
         ticks = [6, 8, 10, 15, 20, 30, 40, 60]
         axes[1, 0].set_xticks(ticks, [str(tick) for tick in ticks])
         axes[1, 0].minorticks_off()
@@ -141,7 +169,8 @@ def wavelength_sensitivity(context: Context) -> Outcome:
                 "wavelength",
                 "What the assumed wavelength decides",
                 f"The paper gives amplitudes but no wavelength. At 180 km/h and 5 mm the car body's acceleration lies between {low:.2f} and "
-                f"{high:.2f} m/s² over 6 to 60 m, so absolute accelerations of figs. 10 and 16-19 rest on this choice. "
+                f"{high:.2f} m/s² over 6 to 60 m, so absolute accelerations of figs. 10 and 16-19 rest on this choice. It vanishes where the "
+                "bogies, 17.2 m apart, are half a wave apart (34.4, 11.5 and 6.9 m): they then push the car body's centre in opposition. "
                 "At 250 km/h straight running is unstable and the coach hunts whatever the track.",
                 "Two panels of r.m.s. values over wavelength from 6 to 60 m at 180, 220 and 250 km/h for 1 mm and 5 mm amplitude.",
                 page,
@@ -157,9 +186,17 @@ def _sensitivity_run(vehicle: Vehicle, speed: float, amplitude: float, wavelengt
     return simulate(vehicle, speed, track=track, duration=30.0, settle=15.0, record=(), sample=0.1, reduce=reduce)
 
 
-def influence(vehicle: Vehicle, path: str, values: np.ndarray) -> np.ndarray:
-    """Linear critical speed in km/h over values (SI) of one parameter: one batch; inf where there is none."""
-    return np.asarray(linear_critical(set_parameter(vehicle, path, jnp.asarray(values))).speed) * KMH
+def influence(vehicle: Vehicle, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Linear critical speed in km/h over values (SI) of each parameter alone: one batch for all; inf where there is none."""
+    lanes = sum(len(own) for own in values.values())
+    start = 0
+    for path, own in values.items():
+        column = np.full(lanes, float(get_parameter(vehicle, path)))
+        column[start : start + len(own)] = own
+        vehicle = set_parameter(vehicle, path, jnp.asarray(column))
+        start += len(own)
+    speeds = np.asarray(linear_critical(vehicle).speed) * KMH
+    return dict(zip(values, np.split(speeds, np.cumsum([len(own) for own in values.values()])[:-1]), strict=True))
 
 
 #: slug, title, and per curve: parameter, label, values (SI), factor to the unit shown
@@ -198,14 +235,15 @@ INFLUENCES = (
 def suspension_influence(context: Context) -> Outcome:
     """Linear critical speed over k_ox and k_oy, rho_ox and rho_oy, k_cy."""
     pictures, change = [], {}
+    speeds_of = influence(context.coach, {path: values for *_, curves, _ in INFLUENCES for path, _, values in curves})
+    at_own = float(linear_critical_speed(context.coach)) * KMH
     for slug, title, label, curves, factor in INFLUENCES:
         with figure() as (page, axes):
             for k, (path, name, values) in enumerate(curves):
-                speeds = influence(context.coach, path, values)
+                speeds = speeds_of[path]
                 shown = np.where(np.isfinite(speeds), speeds, np.nan)
                 axes[0, 0].plot(values * factor, shown, color=f"C{k}", label=f"{name} (railjax)")
                 own = float(get_parameter(context.coach, path))
-                at_own = float(influence(context.coach, path, np.array([own]))[0])
                 axes[0, 0].plot(own * factor, at_own, "o", color=f"C{k}")
                 change[path] = (np.nanmin(shown), np.nanmax(shown))
             mark_paper(axes[0, 0], PAPER_LINEAR, f"paper: {PAPER_LINEAR} km/h with Table 1")
@@ -267,11 +305,15 @@ def damper_and_acceleration(context: Context) -> Outcome:
         for k in range(len(shown)):
             axes[0, 0].plot(time[last], acceleration[last, k], label=rf"$\rho_{{cy}}$ = {1e-3 * damping[k]:g} kN s/m")
         axes[0, 0].set(xlabel="time, s", ylabel="car body acceleration,\nm/s²", xlim=(time[last][0], time[-1]))
-        axes[0, 0].legend(ncols=3, loc="upper right")
+        legend_above(axes[0, 0])
         axes[1, 0].semilogx(1e-3 * damping[3:], rms[3:], color="C3")
         axes[1, 0].plot(1e-3 * damping[:3], rms[:3], "o", color="C3")
         axes[1, 0].axvline(1e-3 * own, label="Table 1: 25 kN s/m", color="0.35", linestyle=":")
-        axes[1, 0].set(xlabel=r"secondary lateral damping $\rho_{cy}$ per side, kN s/m", ylabel="r.m.s. of acceleration,\nm/s²", ylim=(0, None))
+        axes[1, 0].set(
+            xlabel=r"secondary lateral damping $\rho_{cy}$ per side, kN s/m",
+            ylabel="r.m.s. of acceleration,\nm/s²",
+            ylim=(0, None),
+        )
         axes[1, 0].legend()
     best = 1e-3 * damping[3:][np.argmin(rms[3:])]
     numbers = ", ".join(f"{1e-3 * d:g} kN s/m: {r:.3f} m/s²" for d, r in zip(damping[:3], rms[:3], strict=True))

@@ -50,7 +50,12 @@ def mark_paper(axes: "Axes", value: float, text: str, horizontal: bool = True) -
 
 
 def histories(
-    axes: "Axes", run: "Simulation", channels: dict[str, str], scale: float, unit: str, last: float | None = None
+    axes: "Axes",
+    run: "Simulation",
+    channels: dict[str, str],
+    scale: float,
+    unit: str,
+    last: float | None = None,
 ) -> None:
     """Time histories of some channels (first entry of bogie and wheelset channels) over the last seconds of a run."""
     time = np.asarray(run.time)
@@ -59,7 +64,13 @@ def histories(
         values = np.asarray(run[channel]) * scale
         axes.plot(time[shown], values[shown] if values.ndim == 1 else values[shown, 0], label=label)
     axes.set(xlabel="time, s", ylabel=unit, xlim=(time[shown][0], time[-1]))
-    axes.legend(loc="upper right", ncols=len(channels))
+    legend_above(axes)
+
+
+def legend_above(axes: "Axes", columns: int | None = None) -> None:
+    """The legend outside, above the axes, where it hides nothing."""
+    handles, _ = axes.get_legend_handles_labels()
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns or len(handles), borderaxespad=0.2)
 
 
 def locus(axes: "Axes", result: "RootLocus", limit: float = 0.6) -> None:
@@ -68,8 +79,19 @@ def locus(axes: "Axes", result: "RootLocus", limit: float = 0.6) -> None:
 
     damping = result.damping_ratio
     order = np.argsort(damping.min(axis=0))
-    for k in [k for k in order if damping[:, k].min() < limit][: len(COLOURS)]:
-        axes.plot(result.speeds * KMH, 100 * damping[:, k], label=result.names[k])
+    colours: dict[str, str] = {}
+    for k in [k for k in order if damping[:, k].min() < limit]:
+        # twins, alike but for the phase of the bogies, share a colour
+        kind, _, phase = result.names[k].partition(", ")
+        if kind not in colours and len(colours) == len(COLOURS):
+            break
+        colour = colours.setdefault(kind, COLOURS[len(colours) % len(COLOURS)])
+        style = (0, (4, 3)) if phase.startswith("bogies in opposition") else "-"
+        axes.plot(result.speeds * KMH, 100 * damping[:, k], color=colour, linestyle=style, label=result.names[k])
     axes.axhline(0.0, color="0.2", linewidth=0.8)
-    axes.set(xlabel="speed, km/h", ylabel="damping ratio, %", xlim=(result.speeds[0] * KMH, result.speeds[-1] * KMH))
-    axes.legend(loc="best")
+    axes.set(
+        xlabel="speed, km/h",
+        ylabel="damping ratio, %",
+        xlim=(result.speeds[0] * KMH, result.speeds[-1] * KMH),
+    )
+    legend_above(axes, 2)

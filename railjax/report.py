@@ -1,5 +1,6 @@
 """The report of `railjax reproduce`: one self-contained HTML page, readable on a phone and in print."""
 
+import math
 from collections.abc import Sequence
 from html import escape
 from typing import Any
@@ -36,7 +37,17 @@ def render(results: dict[str, Any], pictures: Sequence[dict[str, str]]) -> str:
     )
 
 
-def _number(value: float | None) -> str:
+def without_nan(content: Any) -> Any:
+    """The content with None for NaN and infinities, which JSON cannot hold."""
+    if isinstance(content, dict):
+        return {key: without_nan(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [without_nan(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
+
+
+def number(value: float | None) -> str:
+    """As the report prints it: six digits, a dash where there is none."""
     if value is None:
         return "-"
     return f"{value:.6g}"
@@ -45,13 +56,14 @@ def _number(value: float | None) -> str:
 def _quantities(quantities: Sequence[dict[str, Any]]) -> str:
     rows = []
     for q in quantities:
-        difference = "-" if q["paper"] is None else f"{q['computed'] - q['paper']:+.3g}"
+        both = q["paper"] is not None and q["computed"] is not None
+        difference = f"{q['computed'] - q['paper']:+.3g}" if both else "-"
         kind = '<span class="fitted">fitted</span>' if q["fitted"] else "predicted"
         verdict = {None: "-", True: '<span class="yes">yes</span>', False: '<span class="no">no</span>'}[q["within"]]
         tolerance = "" if q["tolerance"] is None else f" (±{q['tolerance']:g})"
         rows.append(
             f"<tr><td>{escape(q['name'])}<br><small>{escape(q['source'])}</small></td>"
-            f'<td class="number">{_number(q["paper"])}</td><td class="number">{_number(q["computed"])}</td>'
+            f'<td class="number">{number(q["paper"])}</td><td class="number">{number(q["computed"])}</td>'
             f'<td class="number">{difference}</td><td>{escape(q["unit"])}</td><td>{kind}</td><td>{verdict}{tolerance}</td></tr>'
         )
     head = "<tr><th>Quantity</th><th>Paper</th><th>railjax</th><th>Difference</th><th>Unit</th><th>Fitted or predicted</th><th>Within tolerance</th></tr>"

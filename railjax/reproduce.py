@@ -33,7 +33,11 @@ def studies() -> list[Study]:
 
 
 def reproduce(
-    out: str | Path, *, only: list[str] | None = None, fresh: bool = False, progress: Progress = lambda *_: None
+    out: str | Path,
+    *,
+    only: list[str] | None = None,
+    fresh: bool = False,
+    progress: Progress = lambda *_: None,
 ) -> dict[str, Any]:
     """Run the studies and write OUT/report.html, OUT/figures/*.png and OUT/results.json; returns the latter's content.
 
@@ -64,13 +68,14 @@ def reproduce(
         path = parts / f"{study.name}.json"
         part = None if fresh else _kept(path, fingerprint, figures)
         if part is None:
+            path.unlink(missing_ok=True)  # or a stop here would leave an old part with half of a new figure
             started = time.perf_counter()
             outcome = study.run(context)
             part = _write(study, outcome, figures, fingerprint, time.perf_counter() - started)
             _replace(path, json.dumps(part, indent=1))
         found.append(part)
     progress("report", len(chosen), len(chosen))
-    results = _collect(found)
+    results = report.without_nan(_collect(found))
     pictures = [
         {**picture, "png": base64.b64encode((figures / f"{picture['slug']}.png").read_bytes()).decode()}
         for part in found
@@ -102,10 +107,10 @@ def _kept(path: Path, fingerprint: str, figures: Path) -> dict[str, Any] | None:
         part = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    whole = part.get("fingerprint") == fingerprint and all(
-        (figures / f"{picture['slug']}.png").is_file() for picture in part.get("pictures", [])
-    )
-    return part if whole else None
+    if not isinstance(part, dict) or part.get("fingerprint") != fingerprint:
+        return None
+    drawn = all((figures / f"{picture['slug']}.png").is_file() for picture in part["pictures"])
+    return part if drawn else None
 
 
 def _write(study: Study, outcome: Outcome, figures: Path, fingerprint: str, seconds: float) -> dict[str, Any]:
@@ -118,8 +123,7 @@ def _write(study: Study, outcome: Outcome, figures: Path, fingerprint: str, seco
         "quantities": [quantity.to_json() for quantity in outcome.quantities],
         "statements": [dataclasses.asdict(statement) for statement in outcome.statements],
         "pictures": [
-            {key: getattr(picture, key) for key in ("slug", "title", "caption", "alternative")}
-            for picture in outcome.pictures
+            {key: getattr(picture, key) for key in ("slug", "title", "caption", "alternative")} for picture in outcome.pictures
         ],
         "assumptions": outcome.assumptions,
     }

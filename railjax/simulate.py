@@ -17,11 +17,11 @@ from .dampers import Damper
 from .deflections import join, layout
 from .errors import InputError
 from .integrate import STABLE_RADIUS, Plan, Run, fastest_rate, run
-from .kernels import WIDE, one_kernel
+from .kernels import one_kernel
 from .lanes import CHUNK, count_lanes, each_lane, over_lanes, own_axes
 from .motion import PASSIVE, state_size
 from .track import Speed, SpeedProfile, TangentTrack, Track, check_track
-from .typing import Number, Scalar
+from .typing import Number
 from .units import KMH
 from .vehicle import Vehicle, structure, without_labels
 
@@ -96,7 +96,11 @@ class Simulation:
             time = () if how else ("time",)
             inner = (part,) if values.ndim > len(time) + len(lane) else ()
             variables[name.replace(":", "_")] = ((*time, *inner, *lane), np.asarray(values), {"units": unit})
-        variables["code"] = (lane, np.asarray(self.code), {"meaning": ", ".join(f"{r.value} {r.name.lower()}" for r in Result)})
+        variables["code"] = (
+            lane,
+            np.asarray(self.code),
+            {"meaning": ", ".join(f"{r.value} {r.name.lower()}" for r in Result)},
+        )
         coordinates: dict[str, Any] = {"time": ("time", np.asarray(self.time), {"units": "s"})}
         if not isinstance(self.speed, SpeedProfile):
             speed = np.asarray(self.speed)
@@ -151,53 +155,55 @@ def simulate(
             f"dt = {dt:g} s is too large for RK4 at {slowest:g} m/s, where creep damping grows as 1/v: "
             f"use dt <= {STABLE_RADIUS / float(fastest):.2g} s"
         )
-    arguments = (bare, damper, speed, track, x, dt, settle)
-    compiled = _compiled(plan, chunk, _lanes(*arguments[:5]), any(isinstance(a, jax.core.Tracer) for a in jax.tree.leaves(arguments)))
-    result, code = compiled(*arguments)
+    trees = (bare, damper, speed, track, x, dt, settle)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+    axes = _axes(*trees)
+    lanes = _lanes(trees, axes)
+    function = _run(plan)
+    if lanes is not None:
+        result, code = over_lanes(function, trees, axes, lanes, chunk, spread=True)
+    else:
+        # in a transformation it is the outermost function that can be one kernel (`railjax.jit`)
+        result, code = function(trees) if traced else _one_run(plan)(trees)
     code = jnp.where(too_large, int(Result.STEP_TOO_LARGE), code)
     time = jnp.arange(plan.samples) * (plan.every * dt)
-    return Simulation(
-        time, result.records, result.reductions, result.final, code, speed, jnp.asarray(dt), vehicle.name
-    )
+    return Simulation(time, result.records, result.reductions, result.final, code, speed, jnp.asarray(dt), vehicle.name)
 
 
-def _axes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track) -> tuple:
-    """Axes of their own, before lanes, of the leaves of vehicle, damper, speed, track and state."""
+def _axes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, *_: Any) -> tuple:
+    """Axes of their own, before lanes, of the leaves of vehicle, damper, speed, track, state, dt and settle."""
     of_speed = jax.tree.map(lambda _: 1, speed) if isinstance(speed, SpeedProfile) else 0
-    return own_axes(vehicle), own_axes(damper), of_speed, own_axes(track), 1
+    return own_axes(vehicle), own_axes(damper), of_speed, own_axes(track), 1, 0, 0
 
 
-def _lanes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, x: Array) -> int | None:
-    leaves = jax.tree.leaves((vehicle, damper, speed, track))
-    if x.ndim == 1 and all(isinstance(leaf, float) for leaf in leaves):
-        return None  # the common case, without a look at every field
-    return count_lanes((vehicle, damper, speed, track, x), _axes(vehicle, damper, speed, track))
+def _lanes(trees: tuple, axes: tuple) -> int | None:
+    *parameters, x, _, _ = trees
+    if x.ndim == 1 and all(isinstance(leaf, float) for leaf in jax.tree.leaves(parameters)):
+        return None  # the common case, without a look at every leaf's shape
+    return count_lanes(trees, axes)
 
 
 @functools.cache
-def _compiled(plan: Plan, chunk: int, lanes: int | None, traced: bool) -> Callable[..., tuple[Run, Array]]:
-    """The run as one kernel on CPU; inside a transformation plainly, as it is the outermost function that must be one."""
-    whole = functools.partial(_simulate, plan=plan, chunk=chunk, lanes=lanes)
-    if traced:
-        return jax.jit(whole)
-    wide = lanes is not None and jax.default_backend() == "cpu"
-    return jax.jit(one_kernel(whole), compiler_options=WIDE if wide else None)
+def _run(plan: Plan) -> Callable[[tuple], tuple[Run, Array]]:
+    """One run, or all lanes of a chunk together; the same object for the same plan."""
 
-
-def _simulate(
-    vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, x: Array, dt: Scalar, settle: Scalar, *, plan: Plan, chunk: int, lanes: int | None
-) -> tuple[Run, Array]:
-    trees = jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), (vehicle, damper, speed, track, x))
-    axes = _axes(*trees[:4])
-
-    def one(trees: tuple) -> Run:
-        vehicle, damper, speed, track, x = trees
+    @jax.jit
+    def function(trees: tuple) -> tuple[Run, Array]:
+        axes = _axes(*trees)
+        x = trees[4]
+        *parameters, dt, settle = (jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), tree) for tree in trees)
+        vehicle, damper, speed, track, _ = parameters
         shape = jnp.broadcast_shapes(*[_lane_shape(t, a) for t, a in zip(trees, axes, strict=True)])
         x = jnp.broadcast_to(x.reshape(x.shape + (1,) * (len(shape) + 1 - x.ndim)), (x.shape[0], *shape))
-        return _wheelsets_flat(run(vehicle, damper, speed, track, x, dt, settle, plan), len(shape))
+        result = _wheelsets_flat(run(vehicle, damper, speed, track, x, dt, settle, plan), len(shape))
+        return result, jnp.where(result.diverged, int(Result.DIVERGED), int(Result.OK))
 
-    result = one(trees) if lanes is None else over_lanes(one, trees, axes, lanes, chunk)
-    return result, jnp.where(result.diverged, int(Result.DIVERGED), int(Result.OK))
+    return function
+
+
+@functools.cache
+def _one_run(plan: Plan) -> Callable[[tuple], tuple[Run, Array]]:
+    return jax.jit(one_kernel(_run(plan)))
 
 
 @jax.jit
@@ -227,9 +233,7 @@ def _wheelsets_flat(result, lanes: int):
     return result._replace(records=records, reductions=reductions)
 
 
-def initial_state(
-    vehicle: Vehicle, damper: Damper, initial: Mapping[str, Any] | ArrayLike | None
-) -> Float[Array, "states ..."]:
+def initial_state(vehicle: Vehicle, damper: Damper, initial: Mapping[str, Any] | ArrayLike | None) -> Float[Array, "states ..."]:
     """State x from None (rest), an array, or coordinates and rates by name ({"wheelset_y": 5e-3, "bogie_y_rate": ...})."""
     states = state_size(vehicle, damper)
     if initial is None:
@@ -258,6 +262,10 @@ def initial_state(
     return jnp.concatenate([x, jnp.zeros(states - x.shape[0], x.dtype)])
 
 
+#: more than a day of computing; a longer run is a slip of the keyboard
+MOST_STEPS = 1e10
+
+
 def _check_speed(speed: Speed) -> None:
     values = speed.speed if isinstance(speed, SpeedProfile) else speed
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)):
@@ -269,13 +277,21 @@ def _check_speed(speed: Speed) -> None:
 
 
 def _plan(
-    vehicle: Vehicle, duration: float, dt: float, sample: float | None, record: tuple, reduce: tuple, settle: float
+    vehicle: Vehicle,
+    duration: float,
+    dt: float,
+    sample: float | None,
+    record: tuple,
+    reduce: tuple,
+    settle: float,
 ) -> Plan:
     for key, value in (("duration", duration), ("dt", dt)):
         if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
             raise InputError(f"{key} must be a positive number of seconds, not {value!r}")
     if not 0 <= settle < duration:
         raise InputError(f"settle must lie between 0 and the duration {duration:g} s, not {settle!r}")
+    if duration / dt > MOST_STEPS:
+        raise InputError(f"duration {duration:g} s in steps of {dt:g} s is more than {MOST_STEPS:.0e} steps; run it in parts")
     steps = round(duration / dt)
     if steps < 1 or abs(steps * dt - duration) > 1e-6 * duration:
         raise InputError(f"duration {duration:g} s must be a whole number of steps of {dt:g} s")

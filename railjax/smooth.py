@@ -8,7 +8,6 @@ from jaxtyping import Array, Float
 
 from .typing import Scalar
 
-
 #: smallest square told from zero; its root is far below any creep force in adhesion units
 TINY = 1e-30
 

@@ -4,6 +4,7 @@ A track is a pytree with one method, `seen_from(offset)`, that returns eta(start
 offsets are fixed over a run, so what depends on them alone is computed once.
 """
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -59,7 +60,10 @@ class SinusoidTrack:
     def seen_from(self, offset: Distances) -> Alignment:
         """A sin(kappa (start + offset)), by the addition theorem: two sines a start, whatever the number of offsets."""
         wavenumber = 2.0 * jnp.pi / self.wavelength
-        sine, cosine = self.amplitude * jnp.sin(wavenumber * offset), self.amplitude * jnp.cos(wavenumber * offset)
+        sine, cosine = (
+            self.amplitude * jnp.sin(wavenumber * offset),
+            self.amplitude * jnp.cos(wavenumber * offset),
+        )
 
         return lambda start: jnp.cos(wavenumber * start) * sine + jnp.sin(wavenumber * start) * cosine
 
@@ -88,11 +92,18 @@ class BumpTrack:
 
 
 def check_track(track: Track) -> None:
-    """Refuse a wavelength or length that is not positive, where it is known."""
-    for key in ("wavelength", "length"):
-        value = getattr(track, key, None)
+    """Refuse numbers that are not finite and a wavelength or length that is not positive, where they are known."""
+    if not dataclasses.is_dataclass(track):
+        return
+    for key in (field.name for field in dataclasses.fields(track)):
+        value = getattr(track, key)
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
+            continue
         # NumPy, because under `jit` even constants become tracers of jax.numpy
-        if value is not None and not isinstance(value, jax.core.Tracer) and not np.all(np.asarray(value) > 0):
+        array = np.asarray(value, float)
+        if not np.all(np.isfinite(array)):
+            raise InputError(f"track.{key} must be finite (m), not {value}")
+        if key in ("wavelength", "length") and not np.all(array > 0):
             raise InputError(f"track.{key} must be positive (m), not {value}")
 
 

@@ -11,7 +11,8 @@ from railjax import contact, smooth
 
 
 @pytest.mark.parametrize(
-    ("u", "published"), [(0.1, 0.0967037), (0.5, 0.4212963), (1.0, 0.7037037), (2.0, 0.9629630), (3.0, 1.0), (5.0, 1.0)]
+    ("u", "published"),
+    [(0.1, 0.0967037), (0.5, 0.4212963), (1.0, 0.7037037), (2.0, 0.9629630), (3.0, 1.0), (5.0, 1.0)],
 )
 def test_vermeulen_johnson_values(u, published):
     assert u * float(contact.saturation_factor(jnp.array(u))) == pytest.approx(published, abs=5e-8)

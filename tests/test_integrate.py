@@ -18,9 +18,7 @@ START = {"wheelset_y": [6e-3, 5e-3, -4e-3, 3e-3], "bogie_psi": [1e-3, -1e-3], "c
 
 
 def final(vehicle, dt, track=None, duration=0.4, start=START):
-    run = railjax.simulate(
-        vehicle, SPEED, track=track, duration=duration, dt=dt, sample=duration, record=[], initial=start
-    )
+    run = railjax.simulate(vehicle, SPEED, track=track, duration=duration, dt=dt, sample=duration, record=[], initial=start)
     assert bool(run.ok)
     return np.asarray(run.final)
 
@@ -105,9 +103,7 @@ def test_bound_on_the_step_is_sharp(coach, speed):
     bound = float(largest_step(linear, speed, PASSIVE))
     held = railjax.simulate(linear, speed, dt=0.98 * bound, duration=0.98 * bound * 400, initial=START)
     assert bool(held.ok)
-    both = railjax.simulate(
-        linear, jnp.array([speed, speed]), dt=1.12 * bound, duration=1.12 * bound * 400, initial=START
-    )
+    both = railjax.simulate(linear, jnp.array([speed, speed]), dt=1.12 * bound, duration=1.12 * bound * 400, initial=START)
     assert [int(code) for code in both.code] == [railjax.Result.STEP_TOO_LARGE] * 2
     assert not np.all(np.abs(np.asarray(both.final)) < 1.0)
 
@@ -123,7 +119,13 @@ def test_gradients_in_time_forward_reverse_and_differences(smooth):
         for path, value in zip(PARAMETERS, values, strict=True):
             vehicle = railjax.set_parameter(vehicle, path, value)
         run = railjax.simulate(
-            vehicle, 50.0, track=track, duration=1.0, record=[], sample=0.1, reduce=["rms:carbody_acceleration"]
+            vehicle,
+            50.0,
+            track=track,
+            duration=1.0,
+            record=[],
+            sample=0.1,
+            reduce=["rms:carbody_acceleration"],
         )
         return run["rms:carbody_acceleration"]
 
@@ -164,4 +166,4 @@ def test_nested_checkpoints_give_the_same_gradient(smooth, monkeypatch):
 def sys_modules_cache_clear():
     import sys
 
-    sys.modules["railjax.simulate"]._compiled.cache_clear()
+    sys.modules["railjax.simulate"]._run.cache_clear()

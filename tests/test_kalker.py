@@ -47,7 +47,10 @@ def test_circular_contact_has_the_closed_form():
     np.testing.assert_allclose([ellipse.a, ellipse.b], expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("wheel", "rail", "profile"), [(0.46, 0.3, np.inf), (0.3, 0.46, np.inf), (0.46, 0.3, -0.33), (0.1, 1.0, np.inf)])
+@pytest.mark.parametrize(
+    ("wheel", "rail", "profile"),
+    [(0.46, 0.3, np.inf), (0.3, 0.46, np.inf), (0.46, 0.3, -0.33), (0.1, 1.0, np.inf)],
+)
 def test_ellipse_against_an_independent_solution(wheel, rail, profile):
     """Hertz by SciPy: find the pressure ellipse whose own displacement field has the two curvatures."""
     load, modulus = 80e3, YOUNG / (1 - POISSON**2) / 2

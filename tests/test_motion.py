@@ -47,8 +47,13 @@ def test_matrices_of_eq_2_and_4(coach):
     np.testing.assert_allclose(matrix[17:, :17], -np.linalg.solve(mass, stiffness), rtol=1e-12)
     np.testing.assert_allclose(matrix[17:, 17:], -np.linalg.solve(mass, damping), rtol=1e-12)
     # springs alone are symmetric; creep makes K unsymmetric (that is what hunts)
-    frictionless = railjax.replace(coach, contact__creep_longitudinal=0.0, contact__creep_lateral=0.0,
-                                   contact__creep_lateral_spin=0.0, contact__creep_spin=0.0)
+    frictionless = railjax.replace(
+        coach,
+        contact__creep_longitudinal=0.0,
+        contact__creep_lateral=0.0,
+        contact__creep_lateral_spin=0.0,
+        contact__creep_spin=0.0,
+    )
     elastic = np.asarray(railjax.matrices(frictionless, 50.0).stiffness)
     np.testing.assert_allclose(elastic, elastic.T, rtol=1e-10, atol=1e-4)
     assert not np.allclose(stiffness, stiffness.T, rtol=1e-3)
@@ -100,9 +105,16 @@ def test_gravitational_stiffness_by_hand(coach):
 
 def test_optional_elements_act_as_stated(coach):
     change = {}
-    for path, value in (("secondary.damping_x", 1e5), ("secondary.anti_roll_stiffness", 1e6), ("primary.damping_x", 1e4), ("primary.damping_y", 1e4)):
+    for path, value in (
+        ("secondary.damping_x", 1e5),
+        ("secondary.anti_roll_stiffness", 1e6),
+        ("primary.damping_x", 1e4),
+        ("primary.damping_y", 1e4),
+    ):
         other = railjax.set_parameter(coach, path, value)
-        change[path] = [np.asarray(b - a) for a, b in zip(railjax.matrices(coach, 60.0), railjax.matrices(other, 60.0), strict=True)]
+        change[path] = [
+            np.asarray(b - a) for a, b in zip(railjax.matrices(coach, 60.0), railjax.matrices(other, 60.0), strict=True)
+        ]
     # yaw dampers: 2 rho d_c^2 between car body and each bogie
     assert change["secondary.damping_x"][1][1, 1] == pytest.approx(4e5)
     assert change["secondary.damping_x"][1][1, 5] == pytest.approx(-2e5)
@@ -137,7 +149,15 @@ def test_klingel_wavelength_of_a_free_wheelset(wheelset):
 def test_klingel_wavelength_in_the_time_domain(wheelset):
     klingel = 2 * np.pi * np.sqrt(0.7175 * 0.46 / 0.14)
     # creep is stiff at walking speed: 2 f/(m v) is 1.5e4 1/s at 1 m/s
-    run = railjax.simulate(wheelset, 1.0, duration=40.0, dt=1e-4, sample=0.01, initial={"wheelset_y": 1e-3}, record=["wheelset_y"])
+    run = railjax.simulate(
+        wheelset,
+        1.0,
+        duration=40.0,
+        dt=1e-4,
+        sample=0.01,
+        initial={"wheelset_y": 1e-3},
+        record=["wheelset_y"],
+    )
     y, time = np.asarray(run["wheelset_y"])[:, 0], np.asarray(run.time)
     assert bool(run.ok)
     zero = np.flatnonzero(np.diff(np.sign(y)))

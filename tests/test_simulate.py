@@ -25,7 +25,11 @@ def test_batch_equals_single_runs(coach, lanes):
     assert together["rms:wheelset_y"].shape == (4, lanes)
     assert together.code.shape == (lanes,)
     for k in {0, lanes // 2, lanes - 1}:
-        alone = run(railjax.replace(coach, primary__stiffness_x=float(stiffness[k])), float(speeds[k]), reduce=["rms:wheelset_y"])
+        alone = run(
+            railjax.replace(coach, primary__stiffness_x=float(stiffness[k])),
+            float(speeds[k]),
+            reduce=["rms:wheelset_y"],
+        )
         np.testing.assert_allclose(together["wheelset_y"][..., k], alone["wheelset_y"], rtol=1e-9, atol=1e-14)
         np.testing.assert_allclose(together["rms:wheelset_y"][..., k], alone["rms:wheelset_y"], rtol=1e-9)
 
@@ -216,7 +220,11 @@ def test_prints_itself_and_converts_to_xarray_with_units(coach):
 
 def test_a_lone_wheelset_has_no_suspension_channels(coach):
     alone = railjax.replace(
-        coach, carbody__held=True, bogie__held=True, geometry__bogie_pattern=(0.0,), geometry__axle_pattern=(0.0,)
+        coach,
+        carbody__held=True,
+        bogie__held=True,
+        geometry__bogie_pattern=(0.0,),
+        geometry__axle_pattern=(0.0,),
     )
     assert bool(run(alone, record=["wheelset_y", "guiding_force"]).ok)
     for channel in ("carbody_acceleration", "damper_force", "bogie_y"):

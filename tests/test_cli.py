@@ -1,0 +1,234 @@
+"""The command line: what it prints and writes, exit status 0, 1 or 2, and one line for whatever is wrong."""
+
+import csv
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import railjax
+from railjax.cli import status
+
+SHORT = ["simulate", "coach", "--duration-s", "0.1"]
+
+
+@pytest.fixture
+def run(capsys):
+    """Runs the command line: exit status, standard output, standard error."""
+
+    def run_and_capture(*arguments):
+        code = status([str(argument) for argument in arguments])
+        return code, *capsys.readouterr()
+
+    return run_and_capture
+
+
+@pytest.fixture
+def stable(tmp_path):
+    """A vehicle that no speed makes hunt."""
+    path = tmp_path / "stable.toml"
+    path.write_text('base = "coach"\n[contact]\nconicity = 0.001\n')
+    return path
+
+
+def refused(result, *pieces, code=2):
+    """One line on standard error that holds all pieces, nothing on standard output."""
+    found, out, error = result
+    assert found == code
+    assert out == ""
+    assert len(error.splitlines()) == 1
+    for piece in ("railjax: ", *pieces):
+        assert piece in error
+
+
+def one_json_object(out):
+    assert len(out.splitlines()) == 1
+    return json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
+def test_vehicles(run):
+    code, out, error = run("vehicles")
+    assert (code, error) == (0, "")
+    assert [line.split()[0] for line in out.splitlines()] == railjax.packaged_vehicles()
+    listed = one_json_object(run("vehicles", "--json")[1])["vehicles"]
+    assert {entry["name"]: entry["note"] for entry in listed}["coach"] == railjax.load_vehicle("coach").note
+
+
+def test_modes(run, coach):
+    code, out, error = run("modes", "coach", "--speed-kmh", 245.6, "--json")
+    assert (code, error) == (0, "")
+    content = one_json_object(out)
+    assert content["speed_kmh"] == 245.6
+    assert len(content["modes"]) == len(railjax.modes(coach, 245.6 / 3.6).names)
+    critical = content["modes"][0]
+    assert critical["name"] == "bogie hunting, bogies in phase"
+    assert critical["damping_ratio"] == pytest.approx(0.0, abs=1e-6)
+    assert critical["frequency_hz"] == pytest.approx(6.03, abs=0.05)
+    assert "bogie hunting" in run("modes", "coach")[1]
+
+
+def test_critical_speed(run):
+    code, out, error = run("critical-speed", "coach", "--json")
+    assert (code, error) == (0, "")
+    content = one_json_object(out)
+    assert content["linear_kmh"] == pytest.approx(245.6, abs=0.1)
+    assert "bogie hunting" in content["mode"]
+    assert len(content["calibrated"]) == 4
+    text = run("critical-speed", "coach")[1]
+    assert "245.60 km/h" in text
+    assert text.count("calibrated, not predicted") == 4
+
+
+def test_critical_speed_of_the_literal_table_says_why_it_is_low(run):
+    content = one_json_object(run("critical-speed", "coach-table1", "--json")[1])
+    assert content["linear_kmh"] == pytest.approx(65.2, abs=0.1)
+    assert "without axle guidance" in content["note"]
+    assert content["calibrated"] == []
+    assert content["note"] in run("critical-speed", "coach-table1")[1]
+
+
+def test_a_file_does_not_claim_the_calibration_of_its_base(run, tmp_path):
+    path = tmp_path / "softer.toml"
+    path.write_text('base = "coach"\n[primary]\nstiffness_x_MN_per_m = 2\nstiffness_y_MN_per_m = 8\n')
+    content = one_json_object(run("critical-speed", path, "--json")[1])
+    assert content["vehicle"] == "softer"
+    assert content["linear_kmh"] < 240
+    assert not [entry for entry in content["calibrated"] if "stiffness" in entry]
+
+
+def test_simulate_prints_and_reduces(run, coach):
+    code, out, error = run(*SHORT)
+    assert (code, error) == (0, "")
+    assert "0.1 s in steps of 0.001 s, 180.0 km/h" in out
+    assert "rms:carbody_acceleration" in out
+    options = [
+        "--record",
+        "wheelset_y, carbody_y",
+        "--speed-kmh",
+        144,
+        "--amplitude-mm",
+        3,
+        "--wavelength-m",
+        15,
+    ]
+    content = one_json_object(run(*SHORT, *options, "--json")[1])
+    expected = railjax.simulate(
+        coach,
+        40.0,
+        track=railjax.SinusoidTrack(3e-3, 15.0),
+        duration=0.1,
+        reduce=["rms:wheelset_y", "peak:carbody_y"],
+    )
+    assert set(content["reductions"]) == {f"{how}:{name}" for how in ("rms", "peak") for name in ("wheelset_y", "carbody_y")}
+    for name, values in expected.reductions.items():
+        np.testing.assert_allclose(content["reductions"][name], values, rtol=1e-9)
+    assert any("wavelength" in entry for entry in content["assumed"])
+
+
+def test_simulate_over_a_bump(run, coach):
+    options = ["--bump-m", 8, "--speed-kmh", 180, "--duration-s", 0.5, "--record", "wheelset_y", "--json"]
+    content = one_json_object(run("simulate", "coach", *options)[1])
+    expected = railjax.simulate(coach, 50.0, track=railjax.BumpTrack(5e-3, 8.0), duration=0.5, reduce=["peak:wheelset_y"])
+    np.testing.assert_allclose(content["reductions"]["peak:wheelset_y"], expected["peak:wheelset_y"], rtol=1e-9)
+
+
+def test_simulate_writes_csv(run, tmp_path, coach):
+    out = tmp_path / "run.csv"
+    assert run(*SHORT, "--record", "carbody_y,wheelset_y", "--out", out)[0] == 0
+    with out.open() as file:
+        header, *rows = csv.reader(file)
+    assert header == ["time (s)", "carbody_y (m)", *[f"wheelset_y[{i}] (m)" for i in range(4)]]
+    numbers = np.array(rows, float)
+    expected = railjax.simulate(
+        coach, 50.0, track=railjax.SinusoidTrack(5e-3, 20.0), duration=0.1, record=["carbody_y", "wheelset_y"]
+    )
+    np.testing.assert_allclose(numbers[:, 0], expected.time, atol=1e-12)
+    np.testing.assert_allclose(numbers[:, 1], expected["carbody_y"], rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(numbers[:, 2:], expected["wheelset_y"], rtol=1e-9, atol=1e-14)
+
+
+def test_simulate_writes_netcdf(run, tmp_path):
+    import xarray
+
+    out = tmp_path / "run.nc"
+    assert run(*SHORT, "--out", out)[0] == 0
+    with xarray.open_dataset(out, engine="scipy") as data:
+        assert data["wheelset_y"].dims == ("time", "wheelset")
+        assert data["carbody_acceleration"].attrs["units"] == "m/s^2"
+        assert data.attrs["vehicle"] == "coach"
+        assert float(data["peak_wheelset_y"].max()) > 1e-4
+
+
+def test_simulate_draws(run, tmp_path):
+    out = tmp_path / "run.png"
+    assert run(*SHORT, "--out", out)[0] == 0
+    assert out.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "pieces"),
+    [
+        (["critical-speed", "koach"], ["no vehicle 'koach'", "did you mean 'coach'?"]),
+        (["critical-speed"], ["VEHICLE"]),
+        (["critical"], ["critical"]),
+        ([*SHORT, "--speed", "200"], ["--speed"]),
+        ([*SHORT, "--speed-kmh", "fast"], ["--speed-kmh", "number"]),
+        ([*SHORT, "--speed-kmh", "0"], ["--speed-kmh must be a positive"]),
+        ([*SHORT, "--speed-kmh", "-5", "--json"], ["--speed-kmh must be a positive, finite number, not -5"]),
+        (["modes", "coach", "--speed-kmh", "inf"], ["--speed-kmh must be a positive"]),
+        ([*SHORT, "--amplitude-mm", "nan"], ["--amplitude-mm must be a finite number"]),
+        ([*SHORT, "--wavelength-m", "0"], ["--wavelength-m must be a positive"]),
+        ([*SHORT, "--bump-m", "-1"], ["--bump-m must be a positive"]),
+        ([*SHORT, "--dt-s", "nan"], ["--dt-s must be a positive"]),
+        ([*SHORT, "--dt-s", "0.03"], ["duration 0.1 s must be a whole number of steps"]),
+        ([*SHORT, "--dt-s", "0.01", "--speed-kmh", "10"], ["dt = 0.01 s is too large", "use dt <= 0.000"]),
+        ([*SHORT, "--record", "weelset_y"], ["unknown channel 'weelset_y'", "did you mean 'wheelset_y'?"]),
+        ([*SHORT, "--record", ","], ["--record names no channel"]),
+        ([*SHORT, "--out", "run.pdf"], ["--out run.pdf", ".csv, .nc or .png"]),
+        (["reproduce", "--only", "fig-99"], ["no study 'fig-99'", "linear-critical-speed"]),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(run, tmp_path, monkeypatch, arguments, pieces):
+    monkeypatch.chdir(tmp_path)
+    refused(run(*arguments), *pieces)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", ["csv", "nc", "png"])
+def test_unwritable_out(run, tmp_path, suffix):
+    out = tmp_path / "nowhere" / f"run.{suffix}"
+    refused(run(*SHORT, "--out", out), f"--out {out}: cannot be written", "No such file or directory")
+
+
+def test_reproduce_into_a_file(run, tmp_path):
+    out = tmp_path / "taken"
+    out.write_text("")
+    refused(run("reproduce", "--out", out), f"--out {out}", "folder")
+
+
+def test_numerical_failures_have_status_1(run, stable, tmp_path):
+    refused(run("critical-speed", stable), "no linear critical speed", "stable up to 540 km/h", code=1)
+    linear = tmp_path / "linear.toml"
+    linear.write_text('base = "coach"\n[contact]\nlaw = "linear"\n')
+    refused(run("simulate", linear, "--speed-kmh", 500), "diverged at 500 km/h", code=1)
+
+
+def test_help(run):
+    code, out, error = run("--help")
+    assert (code, error) == (0, "")
+    for command in ("vehicles", "modes", "critical-speed", "simulate", "reproduce"):
+        assert command in out
+        assert run(command, "--help")[0] == 0
+
+
+def test_exit_status_of_the_process(tmp_path):
+    def process(*arguments):
+        return subprocess.run([sys.executable, "-m", "railjax.cli", *arguments], capture_output=True, text=True)
+
+    good = process("critical-speed", "coach", "--json")
+    assert (good.returncode, good.stderr) == (0, "")
+    assert one_json_object(good.stdout)["linear_kmh"] == pytest.approx(245.6, abs=0.1)
+    bad = process("critical-speed", "koach")
+    refused((bad.returncode, bad.stdout, bad.stderr), "did you mean 'coach'?")

@@ -1,0 +1,98 @@
+"""The package as a whole: light import, documented names, double precision on demand, sound JAX releases."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from packaging.requirements import Requirement
+
+import railjax
+
+PROJECT = Path(railjax.__file__).parents[1] / "pyproject.toml"
+
+
+def python(code):
+    """Standard output of a fresh Python; the import hook of conftest.py is not in it."""
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+    return found.stdout.split()
+
+
+def test_import_takes_less_than_one_and_a_half_seconds():
+    code = "import time; start = time.perf_counter(); import railjax; print(time.perf_counter() - start)"
+    assert min(float(python(code)[0]) for _ in range(3)) < 1.5
+
+
+def test_import_changes_no_configuration_and_starts_no_backend():
+    (double,) = python("import jax, railjax; print(jax.config.jax_enable_x64)")
+    assert double == "False"
+    code = (
+        "import railjax, sys\n"
+        "from jax._src import xla_bridge\n"
+        "print('backends' if getattr(xla_bridge, '_backends', None) else 'none')\n"
+        "heavy = ('matplotlib', 'xarray', 'scipy.optimize', 'optax', 'optimistix', 'typer', 'rich')\n"
+        "print(*[name for name in heavy if name in sys.modules])"
+    )
+    assert python(code) == ["none"]
+
+
+def test_is_typed():
+    assert (resources.files("railjax") / "py.typed").is_file()
+
+
+@pytest.mark.parametrize("name", railjax.__all__)
+def test_public_names_exist_and_are_documented(name):
+    value = getattr(railjax, name)
+    if not isinstance(value, dict):  # CHANNELS
+        assert value.__doc__
+        assert not value.__doc__.startswith(f"{name}(")  # the text that dataclasses and named tuples make up
+
+
+def test_double_precision_is_switched_on_by_the_call():
+    code = "import railjax, jax.numpy as jnp; railjax.use_double_precision(); print(jnp.ones(1).dtype)"
+    assert python(code) == ["float64"]
+
+
+@pytest.mark.parametrize("call", ["modes(coach, 50.0)", "linear_critical_speed(coach)", "linear_critical(coach)"])
+def test_what_needs_double_precision_says_so(call):
+    code = (
+        "import railjax\n"
+        "coach = railjax.load_vehicle('coach')\n"
+        f"try: railjax.{call}\n"
+        "except railjax.InputError as error: print(error)"
+    )
+    message = " ".join(python(code))
+    assert "needs double precision: call railjax.use_double_precision() first" in message
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("rows", [16385, 32769])
+def test_jax_computes_small_products_right(dtype, rows):
+    """The canary for JAX issue 39103: on CPU, 0.10.2 is wrong beyond 16384 rows of 3 (float32: 32768)."""
+    random = np.random.default_rng(7)
+    a, x = (random.standard_normal(shape).astype(dtype) for shape in ((3, 3), (rows, 3)))
+    found = np.asarray(jax.jit(jax.vmap(lambda x: jnp.sum((a @ x) ** 2)))(x))
+    assert found.dtype == dtype
+    exact = ((x.astype(float) @ a.T.astype(float)) ** 2).sum(axis=1)
+    wrong = np.count_nonzero(np.abs(found - exact) > (1e-3 if dtype == "float32" else 1e-10) * (1 + exact))
+    message = "avoid this release of JAX (JAX issue 39103)"
+    assert wrong == 0, f"JAX {jax.__version__} computes {wrong} of {rows} rows wrong: {message}"
+
+
+def test_releases_of_jax_that_compute_wrong_are_excluded():
+    project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
+    listed = [*project["dependencies"], *project["optional-dependencies"]["cuda"]]
+    found = [Requirement(entry) for entry in listed if re.match(r"jax\b", entry)]
+    assert len(found) == 2
+    for requirement in found:
+        for version in ("0.10.0", "0.10.2", "0.11.0", "0.11.1"):
+            assert not requirement.specifier.contains(version)
+        for version in ("0.10.1", "0.12.0", jax.__version__):
+            assert requirement.specifier.contains(version)

@@ -1,0 +1,407 @@
+"""Vehicle files: values, units, `base`, provenance; one line that names key and fix for whatever is wrong."""
+
+import math
+import tempfile
+import tomllib
+from pathlib import Path
+
+import jax
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import railjax
+
+TABLE_1 = (Path(railjax.__file__).parent / "vehicles" / "coach-table1.toml").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Writes a file, by default on top of the coach, and loads it."""
+
+    def write_and_load(text, base="coach", name="mine.toml"):
+        path = tmp_path / name
+        path.write_text((f'base = "{base}"\n' if base else "") + text, encoding="utf-8")
+        return railjax.load_vehicle(path)
+
+    return write_and_load
+
+
+def refused(call, *pieces):
+    """The call raises `InputError` of one line that holds all pieces."""
+    with pytest.raises(railjax.InputError) as caught:
+        call()
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    for piece in pieces:
+        assert piece in message, message
+
+
+def leaves(vehicle):
+    return [railjax.get_parameter(vehicle, path) for path, _ in railjax.parameters()]
+
+
+def test_packaged_vehicles_load():
+    assert railjax.packaged_vehicles() == ["coach", "coach-table1"]
+    for name in railjax.packaged_vehicles():
+        vehicle = railjax.load_vehicle(name)
+        assert vehicle.name == name
+        assert all(type(value) is float and math.isfinite(value) for value in leaves(vehicle))
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("carbody.mass", 30760.0),
+        ("carbody.roll_inertia", 53596.0),
+        ("carbody.yaw_inertia", 1661732.0),
+        ("bogie.mass", 2300.0),
+        ("bogie.roll_inertia", 2240.0),
+        ("bogie.yaw_inertia", 2965.0),
+        ("wheelset.mass", 1410.0),
+        ("wheelset.yaw_inertia", 980.0),
+        ("wheelset.spin_inertia", 100.0),
+        ("wheelset.wheel_radius", 0.46),
+        ("primary.stiffness_x", 256e3),
+        ("primary.stiffness_y", 885e3),
+        ("primary.stiffness_z", 904e3),
+        ("primary.damping_x", 0.0),
+        ("primary.damping_y", 0.0),
+        ("primary.damping_z", 3.67e3),
+        ("secondary.stiffness_x", 133e3),
+        ("secondary.stiffness_y", 133e3),
+        ("secondary.stiffness_z", 473e3),
+        ("secondary.damping_x", 0.0),
+        ("secondary.damping_y", 25e3),
+        ("secondary.damping_z", 18e3),
+        ("secondary.anti_roll_stiffness", 0.0),
+        ("geometry.half_wheelbase", 1.28),
+        ("geometry.half_pivot_distance", 8.6),
+        ("geometry.half_gauge", 0.7175),
+        ("geometry.half_primary", 1.0),
+        ("geometry.half_secondary", 1.0),
+        ("geometry.carbody_height", 1.24),
+        ("geometry.bogie_to_primary", 0.01),
+        ("geometry.bogie_to_secondary", 0.06),
+        ("contact.creep_longitudinal", 9.43e6),
+        ("contact.creep_lateral", 10.25e6),
+        ("contact.creep_lateral_spin", 1200.0),
+        ("contact.creep_spin", 1000.0),
+        ("contact.conicity", 0.14),
+        ("contact.wheel_load", 51250.0),
+        ("contact.flange_stiffness", 14.6e6),
+        ("contact.flange_clearance", 9e-3),
+    ],
+)
+def test_table_1_in_si(literal, path, value):
+    assert railjax.get_parameter(literal, path) == pytest.approx(value, rel=1e-12)
+
+
+def test_the_coach_changes_only_what_was_calibrated(coach, literal):
+    changed = {
+        path for path, _ in railjax.parameters() if railjax.get_parameter(coach, path) != railjax.get_parameter(literal, path)
+    }
+    assert changed == {"primary.stiffness_x", "primary.stiffness_y", "contact.friction"}
+    factors = [coach.primary.stiffness_x / 256e3, coach.primary.stiffness_y / 885e3]
+    assert factors == pytest.approx([12.607937] * 2, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "value"),
+    [
+        ("[carbody]\nmass_t = 31.5", "carbody.mass", 31500.0),
+        ("[bogie]\nyaw_inertia_tm2 = 2.5", "bogie.yaw_inertia", 2500.0),
+        ("[wheelset]\nwheel_radius_mm = 460", "wheelset.wheel_radius", 0.46),
+        ("[contact]\nwheel_load_N = 50000", "contact.wheel_load", 5e4),
+        ("[contact]\nwheel_load_kN = 50", "contact.wheel_load", 5e4),
+        ("[contact]\ncreep_lateral_MN = 8", "contact.creep_lateral", 8e6),
+        ("[contact]\ncreep_lateral_spin_kNm = 2", "contact.creep_lateral_spin", 2e3),
+        ("[contact]\ncreep_spin_kNm2 = 2", "contact.creep_spin", 2e3),
+        ("[primary]\nstiffness_x_N_per_m = 4e6", "primary.stiffness_x", 4e6),
+        ("[primary]\nstiffness_x_MN_per_m = 4", "primary.stiffness_x", 4e6),
+        ("[secondary]\ndamping_y_Ns_per_m = 3e4", "secondary.damping_y", 3e4),
+        ("[secondary]\nanti_roll_stiffness_MNm_per_rad = 2", "secondary.anti_roll_stiffness", 2e6),
+        ("[geometry]\nbogie_to_secondary_m = -0.1", "geometry.bogie_to_secondary", -0.1),
+        ("[contact]\nlaw = 'linear'", "contact.law", "linear"),
+        ("[geometry]\naxle_pattern = [1, 0, -1]", "geometry.axle_pattern", (1.0, 0.0, -1.0)),
+    ],
+)
+def test_units_and_overrides(load, coach, text, path, value):
+    vehicle = load(text)
+    assert railjax.get_parameter(vehicle, path) == pytest.approx(value)
+    others = [name for name, _ in railjax.parameters() if name != path]
+    assert [railjax.get_parameter(vehicle, name) for name in others] == [railjax.get_parameter(coach, name) for name in others]
+
+
+def test_a_base_beside_the_file_and_a_chain_of_two(load):
+    load("[carbody]\nmass_t = 40\n[bogie]\nmass_t = 3", name="below.toml")
+    vehicle = load("[carbody]\nmass_t = 41", base="below.toml", name="above.toml")
+    assert (vehicle.carbody.mass, vehicle.bogie.mass, vehicle.wheelset.mass) == (41e3, 3e3, 1410.0)
+
+
+def test_a_file_does_not_inherit_what_is_said_of_its_base(load, coach):
+    vehicle = load("[primary]\nstiffness_x_MN_per_m = 5")
+    assert (vehicle.name, vehicle.note) == ("mine", "")
+    entries = {entry.parameter for entry in vehicle.provenance}
+    assert "primary.stiffness_x" not in entries
+    assert "primary.stiffness_y" in entries
+
+
+def test_circle_is_refused(load):
+    refused(lambda: load("", base="mine.toml"), "mine.toml", "base", "circle")
+
+
+def test_kalker_coefficients_from_the_ellipse(load, coach):
+    vehicle = load("[contact.hertz]\nrail_head_radius_m = 0.3", name="hertz.toml")
+    expected = railjax.creep_coefficients(51250.0, 0.46, 0.3)
+    for name, value in expected._asdict().items():
+        found = getattr(vehicle.contact, name)
+        assert type(found) is float
+        assert found == pytest.approx(float(value))
+    # the load of the file above counts, and an unrelated key of the same table does not undo the ellipse
+    lighter = load("[contact]\ncreep_width = 0.02\nwheel_load_kN = 40", base="hertz.toml")
+    assert lighter.contact.creep_lateral == pytest.approx(float(railjax.creep_coefficients(40e3, 0.46, 0.3).creep_lateral))
+    own = load("[contact]\ncreep_longitudinal_MN = 9\ncreep_lateral_MN = 8", base="hertz.toml")
+    assert (own.contact.creep_longitudinal, own.contact.creep_lateral) == (9e6, 8e6)
+
+
+def test_the_ellipse_does_not_depend_on_the_precision_in_use(load):
+    double = load("[contact.hertz]\nrail_head_radius_m = 0.3")
+    with jax.enable_x64(False):
+        single = load("[contact.hertz]\nrail_head_radius_m = 0.3")
+    assert single == double
+
+
+@pytest.mark.parametrize(
+    ("text", "pieces"),
+    [
+        ("[carbdy]\nmass_t = 1", ["unknown key 'carbdy'", "did you mean carbody?"]),
+        ("[carbody]\nmas_kg = 1", ["unknown key carbody.mas_kg", "did you mean carbody.mass_kg?"]),
+        ("[carbody]\nmass = 1", ["carbody.mass", "name its unit", "mass_kg or mass_t"]),
+        ("[carbody]\nmass_lb = 1", ["carbody.mass_lb", "name its unit", "mass_kg or mass_t"]),
+        ("[contact]\ncreep_lateral_spin = 1", ["must name its unit: creep_lateral_spin_Nm or"]),
+        ("[carbody]\nmass_kg = -1", ["carbody.mass_kg", "must be positive"]),
+        ("[wheelset]\nwheel_radius_mm = 0", ["wheelset.wheel_radius_mm", "must be positive"]),
+        (
+            "[primary]\nstiffness_x_kN_per_m = -5",
+            ["primary.stiffness_x_kN_per_m", "must not be negative (-5)"],
+        ),
+        ("[contact]\nfriction = nan", ["contact.friction", "must be finite"]),
+        ("[contact]\nfriction = inf", ["contact.friction", "must be finite"]),
+        ("[contact]\nflange_stiffness_MN_per_m = 1e305", ["contact.flange_stiffness_MN_per_m", "too large"]),
+        (f"[carbody]\nmass_kg = {'9' * 400}", ["carbody.mass_kg", "must be finite"]),
+        ("[carbody]\nmass_kg = '30 t'", ["carbody.mass_kg", "must be a number, not '30 t'"]),
+        ("[carbody]\nmass_kg = true", ["carbody.mass_kg", "must be a number, not True"]),
+        ("[carbody]\nmass_kg = 1\nmass_t = 1", ["carbody.mass_t", "given twice", "keep one"]),
+        ("[geometry]\naxle_pattern = [-1, 1]", ["geometry.axle_pattern", "must fall from front to rear"]),
+        ("[geometry]\naxle_pattern = [1, 1]", ["geometry.axle_pattern", "must fall from front to rear"]),
+        ("[geometry]\naxle_pattern = []", ["geometry.axle_pattern", "must be a list", "like [1, -1]"]),
+        ("[geometry]\naxle_pattern = ['front']", ["geometry.axle_pattern", "must be a number"]),
+        ("[geometry]\nhalf_wheelbase_m = 0", ["geometry.axle_pattern", "must be positive"]),
+        ("[contact]\nlaw = 'sharpe'", ["contact.law", "sharp, smooth, linear", "not 'sharpe'"]),
+        ("[contact]\nlaw = ['sharp']", ["contact.law", "sharp, smooth, linear"]),
+        (
+            "[contact]\ncreep_longitudinal_N = 0\ncreep_lateral_N = 0",
+            ["contact.creep_longitudinal", "law = 'linear'"],
+        ),
+        ("[provenance]\n'carbody.mass' = {status = 'guessed'}", ['"carbody.mass"', "published, recalled"]),
+        ("[provenance]\n'carbody.mass' = 'assumed'", ['"carbody.mass"', "table with status"]),
+        ("[provenance]\n'carbody.mas' = {status = 'assumed'}", ['did you mean "carbody.mass"?']),
+        (
+            "[provenance]\n'carbody.mass' = {status = 'assumed', nota = ''}",
+            ["unknown key 'nota'", "did you mean note?"],
+        ),
+        ("carbody = 30", ["carbody must be a table", "[carbody]"]),
+        ("name = 5", ["name must be a string, not 5"]),
+        ("gyroscopic = 1", ["gyroscopic must be true or false, not 1"]),
+        ("provenance = 1", ["provenance must be a table, not 1"]),
+        ("[carbody]\nheld = 'yes'", ["carbody.held", "must be true or false"]),
+        ("[bogie]\nheld = true", ["bogie.held", "carbody.held"]),
+        ('[carbody]\n"a\\nb" = 1', ["unknown key carbody.a b"]),
+        (
+            "[contact.hertz]\nrail_radius_m = 0.3",
+            ["unknown key 'rail_radius_m'", "did you mean rail_head_radius_m?"],
+        ),
+        ("[contact.hertz]\npoisson_ratio = 0.3", ["contact.hertz needs rail_head_radius_m"]),
+        ("[contact.hertz]\nrail_head_radius_m = -0.3", ["rail_head_radius_m must be positive"]),
+        (
+            "[contact.hertz]\nrail_head_radius_m = 0.3\npoisson_ratio = 0.6",
+            ["poisson_ratio must lie between 0 and 0.5"],
+        ),
+        (
+            "[contact.hertz]\nrail_head_radius_m = 0.3\nwheel_profile_radius_m = -0.2",
+            ["wheel_profile_radius_m", "wider"],
+        ),
+        (
+            "[contact.hertz]\nrail_head_radius_m = 1e-200",
+            ["[contact.hertz] gives no contact ellipse", "check"],
+        ),
+        (
+            "[contact]\ncreep_lateral_N = 1\n[contact.hertz]\nrail_head_radius_m = 0.3",
+            ["creep_lateral", "keep one"],
+        ),
+        ("[contact]\nhertz = 0.3", ["contact.hertz must be a table"]),
+        ("carbody mass = 30", ["not TOML", "line 2"]),
+        (f"name = {'[' * 3000}{']' * 3000}", ["not TOML"]),
+        (f"name = {'9' * 5000}", ["not TOML"]),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(load, text, pieces):
+    refused(lambda: load(text), "mine.toml", *pieces)
+
+
+def test_missing_keys_are_named(load, tmp_path):
+    without = TABLE_1.replace("mass_kg = 30760", "# mass_kg = 30760")
+    refused(lambda: load(without, base=None), "missing key carbody.mass_kg", "car body mass")
+    refused(lambda: load("", base=None), "missing key carbody.mass_kg")
+    refused(lambda: load("[contact.hertz]\nrail_head_radius_m = 0.3", base=None), "also needs contact.wheel_load")
+
+
+@pytest.mark.parametrize("base", ["nowhere.toml", "a\\u0000.toml", "x" * 300, "", "."])
+def test_a_base_that_is_no_file_is_refused(load, base):
+    refused(lambda: load("", base=base))
+
+
+def test_what_is_no_readable_file_is_refused(tmp_path):
+    refused(lambda: railjax.load_vehicle(tmp_path / "nowhere.toml"), "nowhere.toml", "no such file")
+    refused(lambda: railjax.load_vehicle("coach-tabel1"), "'coach-tabel1'", "did you mean 'coach-table1'?")
+    refused(lambda: railjax.load_vehicle("wagon"), "'wagon'", "coach, coach-table1")
+    refused(lambda: railjax.load_vehicle(tmp_path), str(tmp_path), "neither a file nor")
+    folder, binary = tmp_path / "folder.toml", tmp_path / "binary.toml"
+    folder.mkdir()
+    binary.write_bytes(b"name = '\xff\xfe'")
+    refused(lambda: railjax.load_vehicle(folder), "folder.toml", "cannot be read as text")
+    refused(lambda: railjax.load_vehicle(binary), "binary.toml", "cannot be read as text")
+
+
+def test_held_bodies_need_no_inertia(load):
+    tables = tomllib.loads(TABLE_1)
+    tables["carbody"], tables["bogie"] = {"held": True}, {"held": True}
+    vehicle = load(toml(tables), base=None)
+    assert vehicle.carbody.held
+    assert vehicle.bogie.held
+    assert "held: carbody, bogie" in str(vehicle)
+    assert railjax.modes(vehicle, 50.0).coordinates[0].startswith("wheelset")
+
+
+def test_provenance_and_note_reach_the_vehicle(coach, literal):
+    assert "65 km/h" in coach.note
+    assert "letter" in literal.note
+    status = {entry.parameter: entry.status for entry in coach.provenance}
+    calibrated = (
+        "primary.stiffness_x",
+        "primary.stiffness_y",
+        "contact.friction",
+        "contact.flange_clearance",
+    )
+    assert [status[parameter] for parameter in calibrated] == ["calibrated"] * 4
+    assert status["contact.flange_stiffness"] == "assumed"
+    for parameter in calibrated:
+        assert f"{parameter} (calibrated)" in str(coach)
+    assert "calibrated" not in str(literal)
+    assert all(entry.note for entry in coach.provenance)
+
+
+def test_parameters_by_path(coach):
+    paths = dict(railjax.parameters())
+    assert paths["primary.stiffness_x"].metadata["unit"] == "N/m"
+    assert paths["primary.stiffness_x"].metadata["symbol"] == "k_ox"
+    assert len(paths) == len(jax.tree.leaves(coach))
+    stiffer = railjax.set_parameter(coach, "primary.stiffness_x", 4e6)
+    assert railjax.get_parameter(stiffer, "primary.stiffness_x") == 4e6
+    assert stiffer == railjax.replace(coach, primary__stiffness_x=4e6)
+    assert railjax.set_parameter(stiffer, "primary.stiffness_x", coach.primary.stiffness_x) == coach
+    smooth = railjax.replace(coach, contact__law="smooth", gyroscopic=True)
+    assert (smooth.contact.law, smooth.gyroscopic) == ("smooth", True)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda coach: railjax.get_parameter(coach, "primary.stifness_x"),
+        lambda coach: railjax.set_parameter(coach, "primary.stifness_x", 1.0),
+        lambda coach: railjax.replace(coach, primary__stifness_x=1.0),
+        lambda coach: railjax.get_parameter(coach, "primary.stiffness_x.real"),
+    ],
+)
+def test_unknown_path_names_the_nearest(coach, call):
+    refused(lambda: call(coach), "no parameter 'primary.stif", "'primary.stiffness_x'")
+
+
+def toml(tables):
+    """Tables as TOML, each on one line."""
+    return "\n".join(f"{_key(key)} = {_value(value)}" for key, value in tables.items()) + "\n"
+
+
+def _key(key):
+    return '"' + "".join(f"\\u{ord(c):04x}" if not c.isascii() or not c.isalnum() else c for c in key) + '"'
+
+
+def _value(value):
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_key(key)} = {_value(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_value(entry) for entry in value) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return _key(value)
+    return repr(value)
+
+
+def test_the_writer_of_the_next_test_writes_what_it_is_given(load, literal):
+    tables = tomllib.loads(TABLE_1)
+    assert tomllib.loads(toml(tables)) == tables
+    assert load(toml(tables), base=None) == literal
+
+
+names = st.text(st.characters(max_codepoint=0xD7FF), max_size=8) | st.sampled_from(
+    [
+        "base",
+        "held",
+        "law",
+        "hertz",
+        "mass_t",
+        "mass",
+        "creep_width",
+        "bogie_pattern",
+        "provenance",
+        "name",
+        "gyroscopic",
+    ]
+)
+scalars = st.one_of(
+    st.floats(),
+    st.integers(),
+    st.sampled_from([0, -0.0, 5e-324, 1e-300, 1e308, -1e308, 10**400, True, False, "", "coach", "linear", "a\nb"]),
+    names,
+)
+values = scalars | st.lists(scalars, max_size=3) | st.dictionaries(names, scalars, max_size=2)
+mutations = st.tuples(st.sampled_from(["drop", "rename", "change", "add"]), st.integers(0, 80), names, values)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(mutations, min_size=1, max_size=4))
+def test_any_mutation_loads_finite_or_is_refused_in_one_line(changes):
+    tables = tomllib.loads(TABLE_1)
+    for kind, which, name, value in changes:
+        inner = [table for table in tables.values() if isinstance(table, dict)]
+        places = [(table, key) for table in [tables, *inner] for key in table]
+        table, key = places[which % len(places)]
+        if kind == "drop":
+            del table[key]
+        elif kind == "rename":
+            table[name] = table.pop(key)
+        else:
+            table[key if kind == "change" else name] = value
+        tables = tables or {"name": "empty"}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "mutant.toml"
+        path.write_text(toml(tables), encoding="utf-8")
+        message, found = "one line", []
+        try:
+            found = leaves(railjax.load_vehicle(path))
+        except railjax.InputError as error:
+            message = str(error)
+    assert len(message.splitlines()) == 1
+    assert all(type(value) is float and math.isfinite(value) for value in found)
