@@ -70,7 +70,7 @@ def critical_speed(context: Context) -> Outcome:
         page,
     )
     assumptions = [
-        "Calibrated: one guidance factor 12.61 on k_ox and k_oy of Table 1, from the linear critical speed 245.6 km/h; friction "
+        "Calibrated: one guidance factor 12.608 on k_ox and k_oy of Table 1, from the linear critical speed 245.6 km/h; friction "
         "and flange clearance from the fold of the limit cycles. To the letter, Table 1 gives "
         f"{literal:.1f} km/h: its horizontal primary stiffnesses look like those of the coil springs without axle guidance.",
         "Gyroscopic and gravitational-stiffness terms are off: the paper does not state them.",

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import reference
 
 import railjax
 from railjax import contact, smooth
@@ -40,7 +41,7 @@ def test_resultant_creep_never_exceeds_adhesion(coach):
     y, psi, y_rate, psi_rate = rng.normal(size=(4, 2000)) * np.array([[1e-2], [2e-2], [1.0], [1.0]])
     lateral, yaw = forces(wide, y, psi, y_rate, psi_rate)
     resultant = np.hypot(np.asarray(lateral), np.asarray(yaw) / 0.7175)
-    limit = 2 * 0.42 * 51250.0
+    limit = 2 * reference.MU * reference.WHEEL_LOAD
     assert resultant.max() <= limit * (1 + 1e-12)
     assert resultant.max() > 0.999 * limit
 
@@ -55,9 +56,9 @@ def test_small_creep_is_kalker_s(coach):
 NASTY = {
     "zero creep": (0.0, 0.0, 0.0, 0.0),
     "pure lateral": (0.0, 1e-4, 0.0, 0.0),
-    "saturation corner": (0.0, 3 * 0.42 * 51250.0 / 10.25e6, 0.0, 0.0),
+    "saturation corner": (0.0, 3 * reference.MU * 51250.0 / 10.25e6, 0.0, 0.0),
     "deep slip": (5e-3, 5e-2, 0.3, 0.2),
-    "inside the gap": (8.9e-3, 0.0, 0.01, 0.0),
+    "inside the gap": (8.7e-3, 0.0, 0.01, 0.0),
     "flange engaged": (9.5e-3, 1e-3, 0.01, 0.02),
 }
 
@@ -85,7 +86,7 @@ def test_derivatives_with_respect_to_contact_parameters_at_rest(coach):
 
 def test_flange_at_the_corner_has_a_one_sided_or_mean_slope(coach):
     """At y = delta exactly the sharp law's derivative must lie between those of its two sides, not be NaN."""
-    slope = float(jax.grad(lambda y: contact.flange_force(coach.contact, y))(9e-3))
+    slope = float(jax.grad(lambda y: contact.flange_force(coach.contact, y))(reference.DELTA))
     assert 0.0 <= slope <= 14.6e6
 
 

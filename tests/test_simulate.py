@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import reference
 
 import railjax
 
@@ -107,7 +108,7 @@ def test_channels_are_consistent(coach):
     np.testing.assert_allclose(q["secondary_travel"], travel, atol=1e-15)
     np.testing.assert_allclose(q["damper_force"], 2 * 25e3 * q["secondary_velocity"])
     np.testing.assert_allclose(q["wheelset_on_track"], q["wheelset_y"] - q["alignment"], atol=1e-18)
-    outside = np.sign(q["wheelset_on_track"]) * np.maximum(np.abs(q["wheelset_on_track"]) - 9e-3, 0)
+    outside = np.sign(q["wheelset_on_track"]) * np.maximum(np.abs(q["wheelset_on_track"]) - reference.DELTA, 0)
     np.testing.assert_allclose(q["flange_force"], -14.6e6 * outside, rtol=1e-9, atol=1e-6)
     assert np.abs(q["flange_force"]).max() > 100
     # rates are the derivatives of the displacements
@@ -186,7 +187,6 @@ def test_speed_profile_distance_is_exact_and_reduces_to_constant_speed(coach):
 
 
 def test_speed_profile_matches_an_independent_integration(coach):
-    import reference
     import scipy.integrate
 
     smooth = railjax.replace(coach, contact__law="smooth")
