@@ -146,7 +146,7 @@ def _collect(parts: list[dict[str, Any]]) -> dict[str, Any]:
     fitted = sum(q["fitted"] for q in quantities)
     summary = (
         f"{sum(q['within'] for q in predicted)} of {len(predicted)} predicted quantities lie within their tolerance, {fitted} more "
-        f"were fitted; {sum(s['holds'] for s in statements)} of {len(statements)} statements of the paper agree with the model."
+        f"{'was' if fitted == 1 else 'were'} fitted; {sum(s['holds'] for s in statements)} of {len(statements)} statements of the paper agree with the model."
     )
     return {
         "railjax": __version__,
