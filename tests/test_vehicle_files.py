@@ -101,7 +101,8 @@ def test_the_coach_changes_only_what_was_calibrated(coach, literal):
     changed = {
         path for path, _ in railjax.parameters() if railjax.get_parameter(coach, path) != railjax.get_parameter(literal, path)
     }
-    assert changed == {"primary.stiffness_x", "primary.stiffness_y", "contact.friction"}
+    assert changed == {"primary.stiffness_x", "primary.stiffness_y", "contact.friction", "contact.flange_clearance"}
+    assert changed == {p.parameter for p in coach.provenance if p.status == "calibrated"}
     factors = [coach.primary.stiffness_x / 256e3, coach.primary.stiffness_y / 885e3]
     assert factors == pytest.approx([12.607937] * 2, rel=1e-6)
 
