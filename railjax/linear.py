@@ -80,7 +80,8 @@ def _critical(trees: tuple, lanes: int | None) -> LinearCritical:
     if lanes is None:
         return _single(*trees)
     axes = (own_axes(trees[0]), own_axes(trees[1]), 0, 0)
-    return over_lanes(lambda chunk: each_lane(_single, chunk, axes), trees, axes, lanes)
+    # one lane at a time: LAPACK takes no longer, and several batched calls at work at once deadlock (JAX 0.10.1, two cores)
+    return over_lanes(lambda chunk: each_lane(_single, chunk, axes), trees, axes, lanes, chunk=1)
 
 
 def eigenvalues(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Complex[Array, "states"]:
