@@ -29,7 +29,7 @@ def test_grid_with_gradient(benchmark: Any, note: Callable, coach: railjax.Vehic
     both = jax.jit(jax.value_and_grad(total, argnums=(0, 1), has_aux=True))
     arguments = jnp.asarray(k_ox), jnp.asarray(k_oy)
     (_, speeds), (by_x, by_y) = jax.block_until_ready(both(*arguments))  # compiles
-    benchmark.pedantic(lambda: jax.block_until_ready(both(*arguments)), rounds=5)
+    benchmark.pedantic(lambda: jax.block_until_ready(both(*arguments)), rounds=3)
     ours = benchmark.stats.stats.median / len(k_ox)
 
     search = rivals.critical_speed_search()

@@ -30,15 +30,20 @@ GRADIENT_LIMIT = 6.0
 FIRST_CALL_LIMIT = 3.0  # s
 
 
-def seconds(function: Callable[[], Any], repeats: int = 15) -> float:
-    """Median time of a call, after one that compiles."""
-    jax.block_until_ready(function())
+def pairs(first: Callable[[], Any], second: Callable[[], Any], repeats: int = 25) -> tuple[float, float, float]:
+    """Median times of two compiled functions that take turns, and the median of second/first."""
     taken = []
     for _ in range(repeats):
         start = time.perf_counter()
-        jax.block_until_ready(function())
-        taken.append(time.perf_counter() - start)
-    return statistics.median(taken)
+        jax.block_until_ready(first())
+        between = time.perf_counter()
+        jax.block_until_ready(second())
+        taken.append((between - start, time.perf_counter() - between))
+    return (
+        statistics.median(one for one, _ in taken),
+        statistics.median(two for _, two in taken),
+        statistics.median(two / one for one, two in taken),
+    )
 
 
 def test_one_run(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> None:
@@ -101,9 +106,12 @@ def test_gradient(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> Non
     parts = jax.tree.map(jnp.asarray, (smooth.primary, smooth.secondary))
     forward, gradient = railjax.jit(comfort), railjax.jit(jax.value_and_grad(comfort))
     value, slope = jax.block_until_ready(gradient(parts))  # compiles
-    once = seconds(lambda: forward(parts))
-    benchmark(lambda: jax.block_until_ready(gradient(parts)))
-    ratio = benchmark.stats.stats.median / once
+    jax.block_until_ready(forward(parts))
+    benchmark.pedantic(lambda: jax.block_until_ready(gradient(parts)), rounds=15)
+    once, _, ratio = pairs(lambda: forward(parts), lambda: gradient(parts))
+    recorded = lambda: railjax.simulate(smooth, SPEED, track=TRACK, duration=DURATION, dt=DT)  # noqa: E731
+    jax.block_until_ready(recorded())
+    plain, _, ratio_to_plain = pairs(recorded, lambda: gradient(parts))
 
     # against central differences, along a change of all parameters at once
     def moved(share: float) -> float:
@@ -116,6 +124,8 @@ def test_gradient(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> Non
         parameters=len(jax.tree.leaves(parts)),
         forward_s=once,
         ratio_to_forward=ratio,
+        simulate_with_records_s=plain,
+        ratio_to_simulate_with_records=ratio_to_plain,
         ratio_to_finite_differences_of_all=(len(jax.tree.leaves(parts)) + 1) / ratio,
         difference_from_central_differences=abs(along / differences - 1.0),
     )
