@@ -69,7 +69,7 @@ def test_writes_report_figures_and_results(fakes, tmp_path):
         for name, fitted in (("first", False), ("second", True))
     ]
     assert results["assumptions"] == ["the same assumption"]
-    assert results["summary"].startswith("1 of 1 predicted quantities lie within their tolerance, 1 more were fitted; 2 of 2")
+    assert results["summary"].startswith("1 of 1 predicted quantities lie within their tolerance, 1 more was fitted; 2 of 2")
     for name in ("first", "second"):
         assert (tmp_path / "out" / "figures" / f"{name}.png").read_bytes().startswith(PNG)
     assert seen == [("First", 0, 2), ("Second", 1, 2), ("report", 2, 2)]
