@@ -21,15 +21,17 @@ from .motion import matrices, state_matrix, track_matrix
 from .precision import use_double_precision
 from .simulate import Result, Simulation, simulate
 from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
-from .vehicle import Vehicle, get_parameter, parameters, replace, set_parameter
+from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
 
 __version__ = "0.1.0"
 
 __all__ = [
     "CHANNELS",
+    "BumpStop",
     "BumpTrack",
     "InputError",
+    "LateralDamper",
     "Modes",
     "NumericalError",
     "PassiveDamper",
@@ -41,6 +43,7 @@ __all__ = [
     "Stability",
     "TangentTrack",
     "Vehicle",
+    "YawDamper",
     "alignment",
     "contact_ellipse",
     "creep_coefficients",

@@ -69,12 +69,7 @@ def saturation(contact: Contact, longitudinal: Wheelsets, lateral: Wheelsets) ->
 
 def flange_force(contact: Contact, y_rel: Wheelsets) -> Wheelsets:
     """Spring with dead band: k_f (y_rel ∓ delta) outside ±delta, N."""
-    if contact.law == "linear":
-        return jnp.zeros_like(y_rel)
-    if contact.law == "smooth":
-        outside = smooth.smooth_dead_band(y_rel, contact.flange_clearance, contact.flange_width)
-    else:
-        outside = smooth.dead_band(y_rel, contact.flange_clearance)
+    outside = smooth.beyond(contact.law, y_rel, contact.flange_clearance, contact.flange_width)
     return contact.flange_stiffness * outside
 
 

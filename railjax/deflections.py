@@ -92,11 +92,19 @@ def wheelset_positions(vehicle: Vehicle, like: Float[Array, "n m *lanes"]) -> Fl
     return bogie_positions(vehicle, like)[:, None] + axle_positions(vehicle, like)
 
 
+def has_own_heights(vehicle: Vehicle) -> bool:
+    """Whether the secondary lateral dampers have points, and so a deflection, apart from the springs'."""
+    damper = vehicle.lateral_damper
+    return damper is not None and not (damper.carbody_height is None and damper.bogie_to_damper is None)
+
+
 def deflections(vehicle: Vehicle, q: Groups) -> Groups:
     """Deflection of every element, linear in q (eq. 7 and its like); of q' it gives the rates.
 
     Secondary suspension (n): lateral  y_c + h_cc phi_c + x_j psi_c - y_b + h_cb phi_b,
                               longitudinal  d_c (psi_c - psi_b),  vertical  d_c (phi_c - phi_b).
+    Where the vehicle has them (n): vertical damper  d_v (phi_c - phi_b),  yaw damper  d_y (psi_c - psi_b),  lateral damper as
+    the secondary lateral one with heights h_cd and h_bd.
     Primary (n, m): lateral  y_b + x_k psi_b + h_ob phi_b - y,  longitudinal  d_o (psi_b - psi);  vertical (n)  d_o phi_b.
     Contact (n, m): y and psi of the wheelset on the track.
     """
@@ -114,6 +122,16 @@ def deflections(vehicle: Vehicle, q: Groups) -> Groups:
             "secondary_x": geometry.half_secondary * (carbody_psi - bogie_psi),
             "secondary_z": geometry.half_secondary * (carbody_phi - bogie_phi),
         }
+        if geometry.half_vertical_damper is not None:
+            deflection["vertical_damper"] = geometry.half_vertical_damper * (carbody_phi - bogie_phi)
+        if vehicle.yaw_damper is not None:
+            deflection["yaw_damper"] = vehicle.yaw_damper.half_distance * (carbody_psi - bogie_psi)
+        if has_own_heights(vehicle):
+            above, below = vehicle.lateral_damper.carbody_height, vehicle.lateral_damper.bogie_to_damper
+            above = geometry.carbody_height if above is None else above
+            below = geometry.bogie_to_secondary if below is None else below
+            lateral_carbody = carbody_y + above * carbody_phi + bogie_positions(vehicle, y) * carbody_psi
+            deflection["lateral_damper"] = lateral_carbody - bogie_y + below * bogie_phi
     if not vehicle.bogie.held:
         deflection["primary_z"] = geometry.half_primary * bogie_phi
     lateral_bogie = bogie_y + geometry.bogie_to_primary * bogie_phi

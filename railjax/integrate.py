@@ -1,6 +1,7 @@
 """Runge-Kutta 4 in nested `lax.scan`s: bursts of steps, samples of bursts, checkpointed blocks of samples."""
 
 import functools
+import itertools
 from collections.abc import Callable
 from math import isqrt
 from typing import NamedTuple
@@ -12,6 +13,7 @@ from jaxtyping import Array, Float
 from .channels import CHANNELS, parse_reduction
 from .dampers import Damper
 from .deflections import layout, size, wheelset_positions
+from .elements import extremes
 from .kernels import fence
 from .motion import Motion, motion, state_matrix, state_rate
 from .smooth import sqrt_of_square
@@ -204,16 +206,18 @@ def _inputs(
 def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[Array, ""]:
     """Largest spectral radius of the state matrix with the flanges free and in contact, 1/s, from above by less than 1 %.
 
-    Both, because the flange's spring slows the overdamped creep modes of low speed and quickens the others. Gelfand:
-    |E^(2^k)|^(1/2^k) by repeated squaring, so that it runs in a batch and on any device.
+    Both, because the flange's spring slows the overdamped creep modes of low speed and quickens the others; and likewise
+    within and beyond the corners of the other elements (`extremes`). Gelfand: |E^(2^k)|^(1/2^k) by repeated squaring, so that
+    it runs in a batch and on any device.
     """
-    both = [state_matrix(vehicle, speed, damper, flange=flange) for flange in (False, True)]
-    matrix = jax.lax.stop_gradient(jnp.stack(both))
+    pairs = itertools.product(extremes(vehicle), (False, True))
+    matrices = [state_matrix(one, speed, damper, flange=flange) for one, flange in pairs]
+    matrix = jax.lax.stop_gradient(jnp.stack(matrices))
     n = size(vehicle)
     scale = jnp.where(jnp.arange(matrix.shape[-1]) < n, 100.0, 1.0)  # displacements against velocities: about the rates
     matrix = matrix * (scale[:, None] / scale)
 
-    def norm(power: Float[Array, "2 states states"]) -> Float[Array, "2 1 1"]:
+    def norm(power: Float[Array, "k states states"]) -> Float[Array, "k 1 1"]:
         return jnp.sqrt(jnp.sum(power**2, axis=(-2, -1), keepdims=True))
 
     def square(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
@@ -222,7 +226,7 @@ def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[Array
         power = (power / size_now) @ (power / size_now)
         return (power, 2.0 * (logarithm + jnp.log(size_now))), None
 
-    (power, logarithm), _ = jax.lax.scan(square, (matrix, jnp.zeros((2, 1, 1), matrix.dtype)), length=10)
+    (power, logarithm), _ = jax.lax.scan(square, (matrix, jnp.zeros((len(matrices), 1, 1), matrix.dtype)), length=10)
     return jnp.max(jnp.exp((logarithm + jnp.log(norm(power))) / 2.0**10))
 
 

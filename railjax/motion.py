@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from .contact import ContactForce, contact_force, creepages
 from .dampers import Damper, PassiveDamper
 from .deflections import Groups, deflections, join, size, split, transposed
+from .elements import bump_stop_force, yaw_damper_force, yaw_damper_states
 from .typing import Scalar
 from .vehicle import Vehicle, without_labels
 
@@ -31,7 +32,8 @@ class Motion(NamedTuple):
     deflection_rate: Groups
     contact: ContactForce
     damper_force: Float[Array, "n *lanes"]  # secondary lateral dampers of a bogie, N
-    internal_rate: Float[Array, "k n *lanes"]  # rate of the dampers' internal states
+    internal_rate: Float[Array, "k n *lanes"]  # rate of the lateral dampers' internal states
+    elongation_rate: Float[Array, "s n *lanes"]  # rate of the yaw dampers' internal states, m/s
     alignment: Float[Array, "n m *lanes"]  # eta_i, m
     slowness: Scalar  # 1/v, s/m
 
@@ -52,26 +54,32 @@ def inertias(vehicle: Vehicle) -> dict[str, Scalar]:
 
 
 def suspension_forces(vehicle: Vehicle, deflection: Groups, rate: Groups) -> Groups:
-    """Springs and viscous dampers of all elements but the secondary lateral damper, N, positive along the deflection.
+    """Springs, bump stops and viscous dampers, N, positive along the deflection; not the secondary lateral and yaw dampers.
 
     Two elements a side pair everywhere; the bogie's roll works on the springs of all its m axles (4 for two axles).
     """
     primary, secondary, geometry = vehicle.primary, vehicle.secondary, vehicle.geometry
     springs = 2.0 * len(geometry.axle_pattern)
     roll_bar = secondary.anti_roll_stiffness / geometry.half_secondary**2
+    # vertical dampers that do not stand with the springs
+    apart = {} if geometry.half_vertical_damper is None else {"vertical_damper": (0.0, 2.0 * secondary.damping_z)}
     constants = {
         "secondary_y": (2.0 * secondary.stiffness_y, 0.0),
         "secondary_x": (2.0 * secondary.stiffness_x, 2.0 * secondary.damping_x),
-        "secondary_z": (2.0 * secondary.stiffness_z + roll_bar, 2.0 * secondary.damping_z),
+        "secondary_z": (2.0 * secondary.stiffness_z + roll_bar, 0.0 if apart else 2.0 * secondary.damping_z),
         "primary_x": (2.0 * primary.stiffness_x, 2.0 * primary.damping_x),
         "primary_y": (2.0 * primary.stiffness_y, 2.0 * primary.damping_y),
         "primary_z": (springs * primary.stiffness_z, springs * primary.damping_z),
-    }
-    return {
+    } | apart
+    forces = {
         name: stiffness * deflection[name] + damping * rate[name]
         for name, (stiffness, damping) in constants.items()
         if name in deflection
     }
+    if vehicle.bump_stop is not None and "secondary_y" in deflection:
+        stop = bump_stop_force(vehicle.contact.law, vehicle.bump_stop, deflection["secondary_y"])
+        forces["secondary_y"] = forces["secondary_y"] + stop
+    return forces
 
 
 def motion(
@@ -82,10 +90,11 @@ def motion(
     x: Float[Array, "states *lanes"],
 ) -> Motion:
     """Eqs. (2) and (6) at an instant: M q'' = -G^T f(G q, G q', ...), at 1/v = `slowness` (s/m) on the track eta_i (m)."""
-    count, bogies = size(vehicle), len(vehicle.geometry.bogie_pattern)
-    flat, flat_rates, internal = jax.lax.split(x, (count, count, damper.internal_states * bogies))
+    count, shape = size(vehicle), (len(vehicle.geometry.bogie_pattern), *x.shape[1:])
+    states = damper.internal_states, yaw_damper_states(vehicle)
+    flat, flat_rates, *internal = jax.lax.split(x, (count, count, *(k * shape[0] for k in states)))
     q, rates = split(vehicle, flat), split(vehicle, flat_rates)
-    internal = internal.reshape((damper.internal_states, bogies, *x.shape[1:]))
+    internal, elongation = (piece.reshape((k, *shape)) for k, piece in zip(states, internal, strict=True))
 
     with jax.named_scope("deflections"):
         deflection, rate = deflections(vehicle, q), deflections(vehicle, rates)
@@ -93,10 +102,16 @@ def motion(
         forces = suspension_forces(vehicle, deflection, rate)
     with jax.named_scope("damper"):
         if "secondary_y" in deflection:
-            damper_force, internal_rate = damper.force(vehicle, deflection["secondary_y"], rate["secondary_y"], internal)
-            forces["secondary_y"] = forces["secondary_y"] + damper_force
+            at = "lateral_damper" if "lateral_damper" in deflection else "secondary_y"
+            damper_force, internal_rate = damper.force(vehicle, deflection[at], rate[at], internal)
+            forces[at] = forces[at] + damper_force if at in forces else damper_force
         else:
             damper_force, internal_rate = jnp.zeros_like(q["wheelset_y"][:, 0]), jnp.zeros_like(internal)
+        elongation_rate = jnp.zeros_like(elongation)
+        if "yaw_damper" in deflection:
+            forces["yaw_damper"], elongation_rate = yaw_damper_force(
+                vehicle.contact.law, vehicle.yaw_damper, deflection["yaw_damper"], rate["yaw_damper"], elongation
+            )
     with jax.named_scope("contact"):
         y_rel, psi = deflection["contact_y"] - alignment, deflection["contact_psi"]
         creepage = creepages(vehicle, slowness, y_rel, psi, rate["contact_y"], rate["contact_psi"])
@@ -110,7 +125,9 @@ def motion(
         generalised = transposed(vehicle, q)(forces)
         inertia = inertias(vehicle)
         accelerations = {name: force * (-1.0 / inertia[name]) for name, force in generalised.items()}
-    return Motion(q, rates, accelerations, deflection, rate, contact, damper_force, internal_rate, alignment, slowness)
+    return Motion(
+        q, rates, accelerations, deflection, rate, contact, damper_force, internal_rate, elongation_rate, alignment, slowness
+    )
 
 
 def gyroscopic_coupling(vehicle: Vehicle, slowness: Scalar) -> Scalar:
@@ -125,17 +142,18 @@ def gyroscopic_coupling(vehicle: Vehicle, slowness: Scalar) -> Scalar:
 
 
 def state_rate(vehicle: Vehicle, instant: Motion) -> Float[Array, "states *lanes"]:
-    """x' = [q', q'', rates of the internal states] of a `Motion`."""
+    """x' = [q', q'', rates of the internal states: lateral dampers, yaw dampers] of a `Motion`."""
     pieces = join(vehicle, instant.rates) + join(vehicle, instant.accelerations)
-    internal = instant.internal_rate
-    if internal.shape[0]:
-        pieces.append(internal.reshape((-1, *internal.shape[2:])))
+    for internal in (instant.internal_rate, instant.elongation_rate):
+        if internal.shape[0]:
+            pieces.append(internal.reshape((-1, *internal.shape[2:])))
     return jnp.concatenate(pieces)
 
 
 def state_size(vehicle: Vehicle, damper: Damper) -> int:
-    """Length of x: twice the coordinates and the dampers' internal states."""
-    return 2 * size(vehicle) + damper.internal_states * len(vehicle.geometry.bogie_pattern)
+    """Length of x: twice the coordinates and the internal states of lateral and yaw dampers."""
+    internal = damper.internal_states + yaw_damper_states(vehicle)
+    return 2 * size(vehicle) + internal * len(vehicle.geometry.bogie_pattern)
 
 
 def wheelset_shape(vehicle: Vehicle) -> tuple[int, int]:
@@ -152,7 +170,7 @@ def state_matrix(
 ) -> Float[Array, "states states"]:
     """E of eq. (4): the linearisation x' = E x of straight running with linear creep.
 
-    speed in m/s; order [q, q'] (then the damper's internal states); shape (2n, 2n), 34 x 34 for the coach. With `flange` the
+    speed in m/s; order [q, q'] (then the internal states of lateral and yaw dampers); shape (2n, 2n), 34 x 34 for the coach. With `flange` the
     flange is held in contact (for the bound on the time step). Differentiable; `vmap` it over speeds and vehicles.
     """
     return _state_matrix(without_labels(vehicle), speed, damper, flange)
@@ -189,7 +207,8 @@ def track_matrix(vehicle: Vehicle, speed: Scalar) -> Float[Array, "states wheels
 
 
 class Matrices(NamedTuple):
-    """M, C and K of eq. (2), SI; creep is in C and K, so they depend on the speed."""
+    """M, C and K of eq. (2), SI; creep is in C and K, so they depend on the speed. Dashpots in series with a stiffness, which
+    have a state of their own, are in K as if they held fast."""
 
     mass: Float[Array, "n n"]
     damping: Float[Array, "n n"]
@@ -203,4 +222,5 @@ def matrices(vehicle: Vehicle, speed: Scalar) -> Matrices:
     ones = {name: jnp.ones_like(group) for name, group in split(vehicle, matrix[:n, 0]).items()}
     diagonal = jnp.concatenate(join(vehicle, {name: inertias(vehicle)[name] * one for name, one in ones.items()}))
     mass = jnp.diag(diagonal)
-    return Matrices(mass, -mass @ matrix[n:, n:], -mass @ matrix[n:, :n])
+    below = slice(n, 2 * n)
+    return Matrices(mass, -mass @ matrix[below, below], -mass @ matrix[below, :n])

@@ -38,3 +38,12 @@ def smooth_ramp(x: Float[Array, "..."], width: Scalar) -> Float[Array, "..."]:
 def smooth_dead_band(x: Float[Array, "..."], half_width: Scalar, width: Scalar) -> Float[Array, "..."]:
     """Twin of `dead_band`: an odd sum of two smooth ramps, off by at most `width`/2 (at ±δ)."""
     return smooth_ramp(x - half_width, width) - smooth_ramp(-x - half_width, width)
+
+
+def beyond(law: str, x: Float[Array, "..."], half_width: Scalar, width: Scalar) -> Float[Array, "..."]:
+    """The dead band by a vehicle's law: "sharp", its "smooth" twin of `width`, or "linear", which never leaves the band."""
+    if law == "linear":
+        return jnp.zeros_like(x)
+    if law == "smooth":
+        return smooth_dead_band(x, half_width, width)
+    return dead_band(x, half_width)

@@ -5,6 +5,7 @@ SUFFIXES: dict[str, dict[str, float]] = {
     "kg": {"kg": 1.0, "t": 1e3},
     "kg m^2": {"kgm2": 1.0, "tm2": 1e3},
     "m": {"m": 1.0, "mm": 1e-3},
+    "m/s": {"m_per_s": 1.0, "mm_per_s": 1e-3},
     "N": {"N": 1.0, "kN": 1e3, "MN": 1e6},
     "N m": {"Nm": 1.0, "kNm": 1e3},
     "N m^2": {"Nm2": 1.0, "kNm2": 1e3},

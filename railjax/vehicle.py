@@ -10,7 +10,7 @@ Springs and dampers are per side: a bogie has two secondary corners, a wheelset 
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import jax
 
@@ -22,6 +22,16 @@ def quantity(unit: str, symbol: str, meaning: str, default: float | None = None,
     """A dataclass field that is a differentiable leaf; its metadata feed the file reader, messages and charts."""
     metadata = {"unit": unit, "symbol": symbol, "meaning": meaning, "positive": positive}
     return field(metadata=metadata) if default is None else field(default=default, metadata=metadata)
+
+
+def optional(unit: str, symbol: str, meaning: str, positive: bool = False) -> Any:
+    """A quantity that a part may do without: None, and then no leaf and no code."""
+    return field(default=None, metadata={"unit": unit, "symbol": symbol, "meaning": meaning, "positive": positive})
+
+
+def table(unit: str, symbol: str, meaning: str) -> Any:
+    """A quantity given by several numbers: an array with one axis of its own, before any lanes."""
+    return field(metadata={"unit": unit, "symbol": symbol, "meaning": meaning, "positive": False, "axes": 1})
 
 
 def structure(default: Any) -> Any:
@@ -91,9 +101,62 @@ class SecondarySuspension:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class YawDamper:
+    """Yaw dampers (longitudinal, between car body and bogie), one a side, at ±`half_distance`.
+
+    Their valves blow off at `blow_off_velocity`, and rubber ends and bracket give way with `series_stiffness` (Maxwell
+    element: one internal state per bogie, the dashpot's elongation). Without the former they are linear, without the latter
+    rigidly held. Typical: 0.3 to 5 MN s/m up to 0.01 m/s and 10 to 50 kN s/m beyond, on 5 to 10 MN/m.
+
+    The rounding of the smooth twin reaches the whole law where the two slopes are far apart: keep `blow_off_width` well
+    below v_0 √(c_b/c).
+    """
+
+    damping: Number = quantity("N s/m", "c_y", "yaw damper's damping up to blow-off", positive=True)
+    half_distance: Number = quantity("m", "d_y", "half the lateral distance of the yaw dampers", positive=True)
+    blow_off_velocity: Number = optional("m/s", "v_0", "velocity at which the yaw damper blows off", positive=True)
+    damping_beyond: Number = optional("N s/m", "c_b", "yaw damper's damping beyond blow-off")
+    series_stiffness: Number = optional("N/m", "k_y", "stiffness in series with the yaw damper", positive=True)
+    blow_off_width: Number = quantity("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-4)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class LateralDamper:
+    """What sets the secondary lateral dampers (`secondary.damping_y`) apart: blow-off, and points away from the springs.
+
+    Heights as those of the springs in `Geometry`; None is the springs' own. With either given, the damper has a travel of its
+    own, which is also that of a controlled damper in its place. The blow-off belongs to the passive damper. Typical: blow-off
+    at 0.1 to 0.2 m/s.
+    """
+
+    blow_off_velocity: Number = optional("m/s", "v_0", "velocity at which the lateral damper blows off", positive=True)
+    damping_beyond: Number = optional("N s/m", "c_b", "lateral damper's damping beyond blow-off")
+    carbody_height: Number = optional("m", "h_cd", "car body centre above the lateral damper")
+    bogie_to_damper: Number = optional("m", "h_bd", "bogie centre to the lateral damper")
+    blow_off_width: Number = quantity("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-3)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class BumpStop:
+    """Lateral bump stops of a bogie at the height of the secondary springs: force (N, per bogie) over travel (m).
+
+    Straight lines through (0, 0) and the table's points, travel positive and rising; odd; the last slope goes on. Typical:
+    free for 20 to 30 mm, then progressive.
+    """
+
+    travel: Number = table("m", "", "travels of the bump stop's table")
+    force: Number = table("N", "", "forces of the bump stop's table")
+    width: Number = quantity("m", "", "smooth twin: rounding of the table's corners", 1e-4)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class Geometry:
     """Half distances, heights and the layout: pattern (1, -1) is two bogies (axles) at +l and -l (+a and -a),
-    (1, 0, -1) three axles in a bogie, (0,) a single one. Leading ones first."""
+    (1, 0, -1) three axles in a bogie, (0,) a single one. Leading ones first. The secondary vertical dampers stand with the
+    springs unless `half_vertical_damper` says otherwise."""
 
     half_wheelbase: Number = quantity("m", "a", "half the bogie's wheelbase")
     half_pivot_distance: Number = quantity("m", "l", "half the distance between bogies")
@@ -103,6 +166,7 @@ class Geometry:
     carbody_height: Number = quantity("m", "h_cc", "car body centre above the secondary suspension")
     bogie_to_primary: Number = quantity("m", "h_ob", "bogie centre to the axle suspension")
     bogie_to_secondary: Number = quantity("m", "h_cb", "bogie centre to the secondary suspension")
+    half_vertical_damper: Number = optional("m", "d_v", "half the lateral distance of the secondary vertical dampers")
     bogie_pattern: tuple[float, ...] = structure((1.0, -1.0))
     axle_pattern: tuple[float, ...] = structure((1.0, -1.0))
 
@@ -145,7 +209,7 @@ class Provenance:
 class Vehicle:
     """One car body on n bogies of m axles each.
 
-    `gyroscopic` adds the spin-yaw coupling of the wheelsets, `gravitational` the contact's gravitational stiffness;
+    Yaw dampers, bump stops and what is special about the lateral dampers are None where there are none. `gyroscopic` adds the spin-yaw coupling of the wheelsets, `gravitational` the contact's gravitational stiffness;
     both are off for the paper's coach, which does not state them.
     """
 
@@ -156,6 +220,9 @@ class Vehicle:
     secondary: SecondarySuspension
     geometry: Geometry
     contact: Contact
+    yaw_damper: YawDamper | None = None
+    lateral_damper: LateralDamper | None = None
+    bump_stop: BumpStop | None = None
     gyroscopic: bool = structure(False)
     gravitational: bool = structure(False)
     name: str = structure("")
@@ -168,8 +235,32 @@ class Vehicle:
         doubtful = [f"{p.parameter} ({p.status})" for p in self.provenance if p.status != "published"]
         lines = [f"Vehicle {self.name or '(unnamed)'}: {bogies} bogie(s) of {axles} axle(s), {self.contact.law} contact"]
         lines += [f"  held: {', '.join(held)}"] if held else []
+        lines += [f"  with {', '.join(self._elements())}"] if self._elements() else []
         lines += [f"  not from the source: {', '.join(doubtful)}"] if doubtful else []
         return "\n".join(lines)
+
+    def _elements(self) -> list[str]:
+        """The optional parts that are there, in words."""
+        found = []
+        if self.yaw_damper is not None:
+            traits = {"blow-off": self.yaw_damper.blow_off_velocity, "series stiffness": self.yaw_damper.series_stiffness}
+            special = " and ".join(name for name, value in traits.items() if value is not None)
+            found.append("yaw dampers" + (f" ({special})" if special else ""))
+        if self.lateral_damper is not None:
+            special = " with blow-off" if self.lateral_damper.blow_off_velocity is not None else " at heights of their own"
+            found.append("lateral dampers" + special)
+        if self.bump_stop is not None:
+            found.append("bump stops")
+        return found
+
+
+#: part of a vehicle -> its class; a vehicle may do without those in OPTIONAL
+PARTS: dict[str, type] = {
+    f.name: next(kind for kind in (f.type, *get_args(f.type)) if dataclasses.is_dataclass(kind))
+    for f in dataclasses.fields(Vehicle)
+    if not f.metadata.get("static")
+}
+OPTIONAL = tuple(f.name for f in dataclasses.fields(Vehicle) if f.name in PARTS and f.default is None)
 
 
 def replace(vehicle: Vehicle, **changes: Any) -> Vehicle:
@@ -185,9 +276,15 @@ def replace(vehicle: Vehicle, **changes: Any) -> Vehicle:
 
 
 def get_parameter(vehicle: Vehicle, path: str) -> Any:
-    """The value at a dotted path, `get_parameter(coach, "primary.stiffness_x")` (SI)."""
+    """The value at a dotted path, `get_parameter(coach, "primary.stiffness_x")` (SI).
+
+    Raises `InputError` for a path that does not exist, in any vehicle or in this one.
+    """
     value: Any = vehicle
     for name in path.split("."):
+        if value is None and path in _paths():
+            part = path.split(".")[0]
+            raise InputError(f"no parameter {path!r}: this vehicle has no {part.replace('_', ' ')}")
         if not dataclasses.is_dataclass(value) or name not in {f.name for f in dataclasses.fields(value)}:
             raise _no_such_parameter(path)
         value = getattr(value, name)
@@ -208,18 +305,26 @@ def _set(part: Any, names: list[str], value: Any) -> Any:
 def _no_such_parameter(path: str) -> InputError:
     import difflib
 
-    known = [name for name, _ in parameters()]
-    near = difflib.get_close_matches(path, known, n=1, cutoff=0.0)[0]
+    near = difflib.get_close_matches(path, _paths(), n=1, cutoff=0.0)[0]
     return InputError(f"no parameter {path!r} in a vehicle; the nearest is {near!r}")
 
 
-def parameters() -> Iterator[tuple[str, dataclasses.Field]]:
-    """Dotted path and field (its metadata: unit, symbol, meaning) of every float of a vehicle."""
-    for part in dataclasses.fields(Vehicle):
-        if dataclasses.is_dataclass(part.type):
-            for entry in dataclasses.fields(part.type):
-                if "unit" in entry.metadata:
-                    yield f"{part.name}.{entry.name}", entry
+def _paths() -> list[str]:
+    """Dotted paths of all that a vehicle may have."""
+    return [f"{part}.{f.name}" for part, kind in PARTS.items() for f in dataclasses.fields(kind) if "unit" in f.metadata]
+
+
+def parameters(vehicle: Vehicle | None = None) -> Iterator[tuple[str, dataclasses.Field]]:
+    """Dotted path and field (its metadata: unit, symbol, meaning) of every number that all vehicles have, or, given a
+    vehicle, of every number (and table) of that one, with its optional parts."""
+    for part, kind in PARTS.items():
+        there = kind if vehicle is None else getattr(vehicle, part)
+        if there is None or (vehicle is None and part in OPTIONAL):
+            continue
+        for entry in dataclasses.fields(kind):
+            # what a class lacks has no default, so every vehicle gives it
+            if "unit" in entry.metadata and getattr(there, entry.name, entry) is not None:
+                yield f"{part}.{entry.name}", entry
 
 
 def without_labels(vehicle: Vehicle) -> Vehicle:

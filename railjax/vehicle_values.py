@@ -1,0 +1,166 @@
+"""Values in vehicle files: kind, sign and range of each, and what no single value can tell. Every error is one line that
+names file, key and fix.
+"""
+
+import dataclasses
+import difflib
+import math
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .errors import InputError
+from .vehicle import OPTIONAL, BumpStop, LateralDamper, YawDamper
+
+Table = dict[str, Any]
+
+
+def nearest(key: str, known: list[str], part: str = "") -> str:
+    """The known key most like an unknown one, as the end of a message."""
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)[0]
+    return f"; did you mean {part + '.' if part else ''}{near}?"
+
+
+def shown(value: Any) -> str:
+    """A value as messages quote it."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not print integers of over 4300 digits
+        return "a huge number"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def number(value: Any, name: str) -> float:
+    """A finite float, or an `InputError` that names the key."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputError(f"{name} must be a number, not {shown(value)}")
+    try:
+        given = float(value)
+    except OverflowError:
+        given = math.inf
+    if not math.isfinite(given):
+        raise InputError(f"{name} must be finite, not {shown(value)}")
+    return given
+
+
+def converted(value: Any, factor: float, field: dataclasses.Field, name: str) -> float | Float[np.ndarray, "points"]:
+    """In SI, with the sign and the range that the field wants; a list for a field that is a table."""
+    if "axes" in field.metadata:
+        if not isinstance(value, list) or not value:
+            raise InputError(f"{name} must be a list of numbers, like [20, 30, 40], not {shown(value)}")
+        return np.array([_in_range(number(entry, name), factor, field, name) for entry in value])
+    return _in_range(number(value, name), factor, field, name)
+
+
+def _in_range(given: float, factor: float, field: dataclasses.Field, name: str) -> float:
+    result, meaning = given * factor, field.metadata["meaning"]
+    signed = field.name.startswith(("bogie_to_", "carbody_height", "conicity"))
+    if field.metadata["positive"] and result <= 0.0:
+        raise InputError(f"{name} must be positive, not {given:g}; it is the {meaning}")
+    if result < 0.0 and not signed:
+        raise InputError(f"{name} must not be negative ({given:g}); it is the {meaning}")
+    if not math.isfinite(result):
+        raise InputError(f"{name} is too large ({given:g}); it is the {meaning}")
+    return result
+
+
+def structure(key: str, value: Any, name: str) -> Any:
+    """A value that is no number: a pattern of positions, whether a body is held, the contact law."""
+    if key.endswith("_pattern"):
+        if not isinstance(value, list) or not value:
+            raise InputError(f"{name} must be a list of positions from front to rear, like [1, -1]")
+        pattern = tuple(number(entry, name) for entry in value)
+        if list(pattern) != sorted(pattern, reverse=True) or len(set(pattern)) != len(pattern):
+            raise InputError(f"{name} must fall from front to rear, like [1, -1], not {shown(value)}")
+        return pattern
+    if key == "held":
+        if not isinstance(value, bool):
+            raise InputError(f"{name} must be true or false, not {shown(value)}")
+        return value
+    laws = ("sharp", "smooth", "linear")
+    if value not in laws:
+        raise InputError(f"{name} must be one of {', '.join(laws)}, not {shown(value)}")
+    return value
+
+
+HERTZ_KEYS = {
+    "rail_head_radius_m": "rail_head_radius",
+    "wheel_profile_radius_m": "wheel_profile_radius",
+    "youngs_modulus_GPa": "youngs_modulus",
+    "poisson_ratio": "poisson",
+}
+
+
+def hertz(table: Any, name: str) -> Table:
+    """Arguments of `kalker.creep_coefficients` from [contact.hertz]."""
+    if not isinstance(table, dict):
+        raise InputError(f"{name} must be a table, written [contact.hertz]")
+    values = {}
+    for key, value in table.items():
+        if key not in HERTZ_KEYS:
+            raise InputError(f"{name}: unknown key {key!r}{nearest(key, list(HERTZ_KEYS))}")
+        given = number(value, f"{name}.{key}") * (1e9 if key.endswith("GPa") else 1.0)
+        if HERTZ_KEYS[key] == "poisson":
+            if not 0.0 <= given <= 0.5:
+                raise InputError(f"{name}.{key} must lie between 0 and 0.5, not {given:g}")
+        elif given == 0.0 or (given < 0.0 and HERTZ_KEYS[key] != "wheel_profile_radius"):
+            raise InputError(f"{name}.{key} must be positive, not {given:g}")
+        values[HERTZ_KEYS[key]] = given
+    if "rail_head_radius" not in values:
+        raise InputError(f"{name} needs rail_head_radius_m (0.3 for a UIC 60 rail)")
+    if 1.0 / values["rail_head_radius"] + 1.0 / values.get("wheel_profile_radius", math.inf) <= 0.0:
+        raise InputError(f"{name}.wheel_profile_radius_m: a hollow wheel must be wider than the rail head")
+    return values
+
+
+def consistent(parts: dict[str, Any], where: str) -> None:
+    """What no single key can tell; the bump stop's table is `bump_stop_table`'s."""
+    geometry, contact, bogie = parts["geometry"], parts["contact"], parts["bogie"]
+    for key, pattern, spread in (
+        ("bogie_pattern", geometry.bogie_pattern, geometry.half_pivot_distance),
+        ("axle_pattern", geometry.axle_pattern, geometry.half_wheelbase),
+    ):
+        if len(pattern) > 1 and spread <= 0.0:
+            raise InputError(f"{where}: geometry.{key} has {len(pattern)} entries, so their half distance must be positive")
+    if bogie.held and not parts["carbody"].held:
+        raise InputError(f"{where}: bogie.held without carbody.held leaves the car body on fixed springs; hold both or none")
+    if contact.creep_longitudinal == 0.0 and contact.creep_lateral == 0.0 and contact.law != "linear":
+        raise InputError(f"{where}: contact.creep_longitudinal and creep_lateral are both zero; use law = 'linear' for that")
+    for part in OPTIONAL:
+        if parts[part] is not None and bogie.held:
+            raise InputError(f"{where}: [{part}] acts between car body and bogie, but the bogie is held; leave it out")
+    if parts["yaw_damper"] is not None:
+        _blow_off(parts["yaw_damper"], "yaw_damper", parts["yaw_damper"].damping, where)
+    if parts["lateral_damper"] is not None:
+        _blow_off(parts["lateral_damper"], "lateral_damper", parts["secondary"].damping_y, where)
+
+
+def _blow_off(valve: YawDamper | LateralDamper, part: str, damping: float, where: str) -> None:
+    initial = "yaw_damper.damping" if part == "yaw_damper" else "secondary.damping_y"
+    velocity, beyond = valve.blow_off_velocity, valve.damping_beyond
+    if (velocity is None) != (beyond is None):
+        given, missing = ("blow_off_velocity", "damping_beyond") if beyond is None else ("damping_beyond", "blow_off_velocity")
+        raise InputError(f"{where}: {part}.{given} also needs {part}.{missing}")
+    if beyond is not None and beyond > damping:
+        raise InputError(f"{where}: {part}.damping_beyond must not exceed {initial}, as a valve that opens softens the damper")
+    if beyond == 0.0 and isinstance(valve, YawDamper) and valve.series_stiffness is not None:
+        raise InputError(f"{where}: yaw_damper.damping_beyond must be positive beside series_stiffness, which would run away")
+
+
+def bump_stop_table(stop: BumpStop, where: str) -> BumpStop:
+    """The bump stop with its table checked, and without the point (0, 0), which goes without saying."""
+    travel, force = stop.travel, stop.force
+    if len(travel) != len(force):
+        raise InputError(f"{where}: bump_stop.travel has {len(travel)} entries and force {len(force)}; they must be pairs")
+    if travel[0] == 0.0 and force[0] == 0.0 and len(travel) > 1:
+        travel, force = travel[1:], force[1:]
+    before, below = np.append(0.0, travel[:-1]), np.append(0.0, force[:-1])
+    if not np.all(travel > before):
+        raise InputError(f"{where}: bump_stop.travel must rise from entry to entry, from above zero (or from 0 at 0 N)")
+    if not np.all(force >= below):
+        raise InputError(f"{where}: bump_stop.force must not fall from entry to entry")
+    with np.errstate(over="ignore"):
+        if not np.all(np.isfinite((force - below) / (travel - before))):
+            raise InputError(f"{where}: bump_stop.force rises too steeply; check the units of travel and force")
+    return dataclasses.replace(stop, travel=travel, force=force)
