@@ -31,7 +31,10 @@ def blow_off_force(law: str, valve: Valve, damping: Scalar, velocity: Bogies) ->
 
 
 def blow_off_velocity(law: str, valve: Valve, damping: Scalar, force: Bogies) -> Bogies:
-    """The inverse, v(F) in m/s: F/c up to F_0 = c v_0, v_0 + (F - F_0)/c_b beyond; needs c and c_b above zero."""
+    """The inverse, v(F) in m/s: F/c up to F_0 = c v_0, v_0 + (F - F_0)/c_b beyond; needs c and c_b above zero.
+
+    The smooth twin is rounded in F, within c times the width.
+    """
     velocity = force / damping
     if valve.blow_off_velocity is None:
         return velocity

@@ -170,8 +170,9 @@ def state_matrix(
 ) -> Float[Array, "states states"]:
     """E of eq. (4): the linearisation x' = E x of straight running with linear creep.
 
-    speed in m/s; order [q, q'] (then the internal states of lateral and yaw dampers); shape (2n, 2n), 34 x 34 for the coach. With `flange` the
-    flange is held in contact (for the bound on the time step). Differentiable; `vmap` it over speeds and vehicles.
+    speed in m/s; order [q, q'] (then the internal states of lateral and yaw dampers); shape (2n, 2n), 34 x 34 for the coach.
+    With `flange` the flange is held in contact (for the bound on the time step). Differentiable; `vmap` it over speeds and
+    vehicles.
     """
     return _state_matrix(without_labels(vehicle), speed, damper, flange)
 

@@ -189,7 +189,7 @@ def _creep(tables: Table, where: str) -> dict[str, float]:
     return values
 
 
-def _part(part: str, values: Table | None, where: str) -> Any:
+def _part(part: str, values: Table | bool | None, where: str) -> Any:
     """A part from its values; an optional one that no table or `false` gives is None."""
     if part in OPTIONAL and not isinstance(values, dict):
         return None
