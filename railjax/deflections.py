@@ -1,9 +1,8 @@
 """Coordinates and linear kinematics: how far each element is deflected. The only place where geometry enters.
 
 Order of q: car body y_c, psi_c, phi_c; bogies y_b (n), psi_b (n), phi_b (n); wheelsets y (n·m), psi (n·m), leading ones
-first; coordinates of held bodies are left out. A state is x = [q, q', internal states of the secondary lateral dampers (k, n),
-elongations of the yaw dampers' dashpots (n)], coordinates
-along the leading axis; any trailing axes are lanes of a batch.
+first; coordinates of held bodies are left out. A state is x = [q, q', internal states of the secondary lateral dampers (k·n),
+elongations of the yaw dampers' dashpots (n)], along the leading axis; any trailing axes are lanes of a batch.
 """
 
 from collections.abc import Callable, Mapping
