@@ -209,8 +209,9 @@ class Provenance:
 class Vehicle:
     """One car body on n bogies of m axles each.
 
-    Yaw dampers, bump stops and what is special about the lateral dampers are None where there are none. `gyroscopic` adds the spin-yaw coupling of the wheelsets, `gravitational` the contact's gravitational stiffness;
-    both are off for the paper's coach, which does not state them.
+    Yaw dampers, bump stops and what is special about the lateral dampers are None where there are none. `gyroscopic` adds the
+    spin-yaw coupling of the wheelsets, `gravitational` the contact's gravitational stiffness; both are off for the paper's
+    coach, which does not state them.
     """
 
     carbody: CarBody
