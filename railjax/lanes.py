@@ -148,6 +148,24 @@ def _joined(leaf: jax.Array) -> jax.Array:
     return leaf.reshape((*leaf.shape[:-2], -1))
 
 
+def one_by_one(function: Callable[[Any], Any], trees: Any, axes: Any, lanes: int) -> Any:
+    """`function(trees)` for one lane after another, for what branches or calls LAPACK; outputs carry lanes on the last axis."""
+    batched = jax.tree.map(lambda leaf, own: jnp.ndim(leaf) > own, trees, axes)
+    moved = [jnp.moveaxis(leaf, -1, 0) for leaf, lane in _pairs(trees, batched) if lane]
+
+    def one(pieces: list) -> Any:
+        own = iter(pieces)
+        leaves = [next(own) if lane else leaf for leaf, lane in _pairs(trees, batched)]
+        return function(jax.tree.unflatten(jax.tree.structure(trees), leaves))
+
+    del lanes
+    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), jax.lax.map(one, moved))
+
+
+def _pairs(trees: Any, batched: Any) -> Any:
+    return zip(jax.tree.leaves(trees), jax.tree.leaves(batched), strict=True)
+
+
 def each_lane(function: Callable[..., Any], trees: tuple, axes: tuple) -> Any:
     """`function(*trees)` lane by lane (`vmap`), for what is written for a single vehicle."""
     mapped = jax.tree.map(lambda leaf, own: -1 if jnp.ndim(leaf) > own else None, trees, axes)
