@@ -37,6 +37,8 @@ FIRST_STEP, SMALLEST_STEP = 0.1, 2e-4
 STRAIGHT = 0.9
 #: ...unless it is this short: where a flange begins to touch the branch has a corner
 CORNER = 4e-3
+#: longest step that may lead over a fold: a longer one can end on a neighbouring branch
+FOLD_STEP = 0.06
 #: periods of simulation before Newton; the slowest multiplier of the coach's stable limit cycles is about 0.97
 SETTLING = 60
 
@@ -121,8 +123,9 @@ def next_orbit(model: Model, shooting: Shooting, walk: Walk) -> Problem:
 
 def walked(walk: Walk, ahead: Point, largest: Scalar) -> Walk:
     """A walk one step on, or (where the step cannot be kept) at the same point with a step half as long."""
-    turned = ahead.direction @ walk.point.direction
-    kept = ahead.usable & ((turned > STRAIGHT) | (walk.step <= CORNER))
+    straight = ahead.direction @ walk.point.direction > STRAIGHT
+    folded = ahead.direction[-1] * walk.point.direction[-1] < 0.0
+    kept = ahead.usable & (straight | (walk.step <= CORNER)) & (~folded | (walk.step <= FOLD_STEP))
     point, before = (
         jax.tree.map(lambda new, old: jnp.where(kept, new, old), *pair)
         for pair in ((ahead, walk.point), (walk.point, walk.before))
@@ -169,10 +172,10 @@ def _slope(row: Float[Array, "unknowns"], point: Point) -> Float[Array, ""]:
     return point.direction[-1] / (row @ point.direction)
 
 
-def unresolved(ends: Bracket) -> Bool[Array, ""]:
-    """Whether the fold's speed is not known well enough yet; ends with an orbit that is not usable."""
+def resolved(ends: Bracket) -> Bool[Array, ""]:
+    """Whether the fold's speed is known well enough."""
     spread = (jnp.abs(_slope(ends.row, ends.near)) + jnp.abs(_slope(ends.row, ends.far))) * (ends.right - ends.left)
-    return ends.best.usable & (spread > FOLD_TOLERANCE) & (ends.tried < MOST_TRIES)
+    return (spread < FOLD_TOLERANCE) & (ends.tried > 0)
 
 
 def _share(ends: Bracket) -> Float[Array, ""]:
@@ -195,7 +198,8 @@ def orbit_between(ends: Bracket) -> Problem:
 
 
 def narrowed(ends: Bracket, found: Point) -> Bracket:
-    """The bracket with one end moved to the orbit tried; the end that stays counts half (Illinois)."""
+    """The bracket with one end moved to the orbit tried; the end that stays counts half (Illinois). An orbit that cannot be
+    used counts as a try only, and the next is made elsewhere."""
     share, slope = _share(ends), _slope(ends.row, found)
     below = slope * _slope(ends.row, ends.low) > 0.0
     moved = ends._replace(
@@ -208,4 +212,5 @@ def narrowed(ends: Bracket, found: Point) -> Bracket:
         best=found,
         tried=ends.tried + 1,
     )
-    return moved
+    kept = jax.tree.map(lambda new, old: jnp.where(found.usable, new, old), moved, ends)
+    return kept._replace(tried=ends.tried + 1)

@@ -7,9 +7,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .continuation import (
+    MOST_TRIES,
     Bracket,
     Walk,
     attracting,
@@ -19,8 +20,8 @@ from .continuation import (
     narrowed,
     next_orbit,
     orbit_between,
+    resolved,
     stuck,
-    unresolved,
     walked,
 )
 from .dampers import Damper
@@ -36,11 +37,11 @@ from .units import KMH
 from .vehicle import Vehicle, without_labels
 
 #: the branch is entered this much above the linear critical speed, where the vehicle is drawn to a limit cycle...
-ENTRY = 1.05
+ENTRY = 1.02
 #: ...from the critical mode's shape with this share of the flange clearance as amplitude
 ENTRY_AMPLITUDE = 1.0
 #: longest step down the branch (1 mm or 10 m/s), and how many are tried
-LARGEST_STEP, MOST_STEPS = 0.3, 150
+LARGEST_STEP, MOST_STEPS = 0.1, 400
 #: amplitude (share of the clearance) below which a falling branch is taken to have ended in the Hopf point
 SMALL = 0.1
 #: fewest steps of RK4 in half a period; the fold of the coach moves by less than 1e-4 km/h when they are doubled
@@ -103,15 +104,21 @@ def nonlinear_critical(
     The amplitude is that of one `wheelset`, counted from the front; by default the leading one of the trailing bogie, as in
     the paper's fig. 6. `steps` of RK4 cut half a period; by default enough for the fastest motion of the vehicle, at least 200.
 
-    The branch is entered from above: 5 % above the linear critical speed the vehicle is drawn to a limit cycle, which is
+    The branch is entered from above: 2 % above the linear critical speed the vehicle is drawn to a limit cycle, which is
     followed down to its fold. So what is found is the motion that a vehicle settles on, also where bogies that barely feel
     each other make many branches.
     """
     require_double_precision("the nonlinear critical speed")
-    shooting = Shooting(default_steps(vehicle, damper) if steps is None else steps, default_wheelset(vehicle, wheelset))
-    trees = (without_labels(rounded(vehicle)), damper)
+    trees = without_labels(rounded(vehicle)), damper
     axes = own_axes(trees[0]), own_axes(damper)
-    return _critical(trees, shooting, count_lanes(trees, axes))
+    lanes = count_lanes(trees, axes)
+    linear = linear_critical(vehicle, damper=damper)
+    if steps is None:
+        steps = _enough_steps(trees, axes, lanes, linear)
+    shooting = Shooting(steps, default_wheelset(vehicle, wheelset))
+    fold = _fold(trees, linear, shooting, lanes)
+    rates = _fastest(trees, fold.speed, lanes)
+    return _judged(linear, fold, 0.5 / fold.frequency / shooting.steps * rates <= STABLE_RADIUS)
 
 
 def default_wheelset(vehicle: Vehicle, wheelset: int | None) -> int:
@@ -124,67 +131,79 @@ def default_wheelset(vehicle: Vehicle, wheelset: int | None) -> int:
     return wheelset
 
 
-def default_steps(vehicle: Vehicle, damper: Damper, speed: float | None = None) -> int:
-    """Steps in half a period of hunting for the fastest motion of the vehicle, by the linear critical speed's frequency.
+def default_steps(vehicle: Vehicle, damper: Damper, linear: LinearCritical) -> int:
+    """Steps in half a period of hunting for the fastest motion of the vehicle; among lanes the most that one needs.
 
-    Among lanes the most that one needs. Where the vehicle is being traced nothing is known of it: the fewest.
+    Where the vehicle is being traced nothing is known of it: the fewest.
     """
     trees = without_labels(vehicle), damper
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees)):
-        return FEWEST_STEPS
-    found = linear_critical(vehicle, damper=damper)
-    needed = 0.0
+    axes = own_axes(trees[0]), own_axes(damper)
+    return _enough_steps(trees, axes, count_lanes(trees, axes), linear)
+
+
+def _enough_steps(trees: tuple, axes: tuple, lanes: int | None, linear: LinearCritical) -> int:
     # half the speed, for the branch may lead far down
-    rates = np.atleast_1d(np.asarray(_fastest(trees, count_lanes(trees, (own_axes(trees[0]), own_axes(damper))), found.speed)))
-    halves = 0.5 / np.atleast_1d(np.asarray(found.frequency))
-    usable = np.isfinite(rates * halves)
-    if np.any(usable):
-        needed = float(np.max((rates * halves)[usable])) / STABLE_RADIUS
+    rates = _fastest(trees, 0.5 * linear.speed, lanes)
+    if isinstance(rates, jax.core.Tracer) or isinstance(linear.frequency, jax.core.Tracer):
+        return FEWEST_STEPS
+    radii = np.atleast_1d(np.asarray(rates) * 0.5 / np.asarray(linear.frequency))
+    needed = np.max(radii[np.isfinite(radii)], initial=0.0) / STABLE_RADIUS
     return max(FEWEST_STEPS, 100 * int(np.ceil(needed / 100.0)))
 
 
-@functools.partial(jax.jit, static_argnums=1)
-def _fastest(trees: tuple, lanes: int | None, speed: Float[Array, "..."]) -> Float[Array, "..."]:
-    def single(trees: tuple) -> Float[Array, ""]:
-        vehicle, damper, speed = trees
-        return fastest_rate(vehicle, 0.5 * speed, damper)
+@functools.partial(jax.jit, static_argnums=2)
+def _fastest(trees: tuple, speed: Float[Array, "..."], lanes: int | None) -> Float[Array, "..."]:
+    def single(given: tuple) -> Float[Array, ""]:
+        (vehicle, damper), speed = given
+        return fastest_rate(vehicle, speed, damper)
 
-    axes = own_axes(trees[0]), own_axes(trees[1]), 0
-    return single((*trees, speed)) if lanes is None else one_by_one(single, (*trees, speed), axes, lanes)
-
-
-@functools.partial(jax.jit, static_argnums=(1, 2))
-def _critical(trees: tuple, shooting: Shooting, lanes: int | None) -> NonlinearCritical:
-    def single(trees: tuple) -> NonlinearCritical:
-        return _single(Model(*trees), shooting)
-
-    axes = own_axes(trees[0]), own_axes(trees[1])
-    return single(trees) if lanes is None else one_by_one(single, trees, axes, lanes)
+    axes = (own_axes(trees[0]), own_axes(trees[1])), 0
+    return single((trees, speed)) if lanes is None else one_by_one(single, (trees, speed), axes)
 
 
-def _single(model: Model, shooting: Shooting) -> NonlinearCritical:
-    vehicle, damper = model
-    linear = linear_critical(vehicle, damper=damper)
-    fixed = jax.tree.map(lambda leaf: jax.lax.stop_gradient(jnp.asarray(leaf, float)), model)
-    hopf = jax.lax.stop_gradient(linear.speed)
-    exists = linear.code == Stability.OK
-    # where there is no Hopf point the search runs on a speed that does no harm, and its result is dropped
-    fold, found, falling = _fold_from_above(fixed, shooting, jnp.where(exists, hopf, 50.0))
+class Fold(NamedTuple):
+    """The fold of a branch: speed (m/s), amplitude (m), frequency (Hz); found, or the branch fell into the Hopf point."""
 
-    speed, period = implicit_speed(model, shooting, fold), fold.unknowns[-2] * PERIOD
-    holds = 0.5 * period / shooting.steps * fastest_rate(fixed.vehicle, speed, fixed.damper) <= STABLE_RADIUS
+    speed: Float[Array, "..."]
+    amplitude: Float[Array, "..."]
+    frequency: Float[Array, "..."]
+    found: Bool[Array, "..."]
+    vanished: Bool[Array, "..."]
 
-    code = jnp.where(found, int(Hunting.OK), jnp.where(falling, int(Hunting.SUPERCRITICAL), int(Hunting.FAILED)))
-    code = jnp.where(found & ~holds, int(Hunting.STEP_TOO_LARGE), code)
-    code = jnp.where(linear.code == Stability.STABLE, int(Hunting.STABLE), code)
-    code = jnp.where(linear.code == Stability.UNSTABLE, int(Hunting.UNSTABLE), code)
-    code = jnp.where(linear.code == Stability.FAILED, int(Hunting.FAILED), code)
+
+@functools.partial(jax.jit, static_argnums=(2, 3))
+def _fold(trees: tuple, linear: LinearCritical, shooting: Shooting, lanes: int | None) -> Fold:
+    def single(given: tuple) -> Fold:
+        trees, linear = given
+        model = Model(*trees)
+        fixed = jax.tree.map(lambda leaf: jax.lax.stop_gradient(jnp.asarray(leaf, float)), model)
+        # where there is no Hopf point the search runs on a speed that does no harm, and its result is dropped
+        hopf = jax.lax.stop_gradient(jnp.where(linear.code == Stability.OK, linear.speed, 50.0))
+        point, found, vanished = _fold_from_above(fixed, shooting, hopf)
+        frequency = 1.0 / (point.unknowns[-2] * PERIOD)
+        return Fold(implicit_speed(model, shooting, point), point.amplitude, frequency, found, vanished)
+
+    axes = (own_axes(trees[0]), own_axes(trees[1])), jax.tree.map(lambda _: 0, linear)
+    return single((trees, linear)) if lanes is None else one_by_one(single, (trees, linear), axes)
+
+
+@jax.jit
+def _judged(linear: LinearCritical, fold: Fold, holds: Bool[Array, "..."]) -> NonlinearCritical:
+    """Result codes, and values only where there are any."""
+    code = jnp.where(fold.vanished, int(Hunting.SUPERCRITICAL), int(Hunting.FAILED))
+    code = jnp.where(fold.found, jnp.where(holds, int(Hunting.OK), int(Hunting.STEP_TOO_LARGE)), code)
+    for stability, result in (
+        (Stability.STABLE, Hunting.STABLE),
+        (Stability.UNSTABLE, Hunting.UNSTABLE),
+        (Stability.FAILED, Hunting.FAILED),
+    ):
+        code = jnp.where(linear.code == stability, int(result), code)
     folded, at_hopf = code == Hunting.OK, code == Hunting.SUPERCRITICAL
     nothing = jnp.where(code == Hunting.STABLE, jnp.inf, jnp.nan)
     return NonlinearCritical(
-        jnp.where(folded, speed, jnp.where(at_hopf, linear.speed, nothing)),
+        jnp.where(folded, fold.speed, jnp.where(at_hopf, linear.speed, nothing)),
         jnp.where(folded, fold.amplitude, jnp.where(at_hopf, 0.0, jnp.nan)),
-        jnp.where(folded, 1.0 / period, jnp.where(at_hopf, linear.frequency, jnp.nan)),
+        jnp.where(folded, fold.frequency, jnp.where(at_hopf, linear.frequency, jnp.nan)),
         linear,
         code,
     )
@@ -202,7 +221,7 @@ class Search(NamedTuple):
 ENTERING, WALKING, FOLDING, FOUND, VANISHED, LOST = range(6)
 
 
-def _fold_from_above(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Point, Array, Array]:
+def _fold_from_above(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Point, Bool[Array, ""], Bool[Array, ""]]:
     """Down the branch of the attracting limit cycle: its fold, whether it was found, and whether the branch fell into the
     Hopf point instead.
 
@@ -230,7 +249,8 @@ def _fold_from_above(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Po
 
     def tried(search: Search, point: Point) -> Search:
         ends = narrowed(search.ends, point)
-        stage = jnp.where(unresolved(ends), FOLDING, jnp.where(point.usable, FOUND, LOST))
+        stage = jnp.where(ends.tried < MOST_TRIES, FOLDING, LOST)
+        stage = jnp.where(resolved(ends), FOUND, stage)
         return Search(orbit_between(ends), search.walk, ends, stage)
 
     def going(search: Search) -> Array:

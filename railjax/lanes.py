@@ -148,18 +148,28 @@ def _joined(leaf: jax.Array) -> jax.Array:
     return leaf.reshape((*leaf.shape[:-2], -1))
 
 
-def one_by_one(function: Callable[[Any], Any], trees: Any, axes: Any, lanes: int) -> Any:
-    """`function(trees)` for one lane after another, for what branches or calls LAPACK; outputs carry lanes on the last axis."""
-    batched = jax.tree.map(lambda leaf, own: jnp.ndim(leaf) > own, trees, axes)
-    moved = [jnp.moveaxis(leaf, -1, 0) for leaf, lane in _pairs(trees, batched) if lane]
+def one_by_one(function: Callable[[Any], Any], trees: Any, axes: Any) -> Any:
+    """`function(trees)` for one lane after another, for what branches or calls LAPACK; outputs carry lanes on the last axis.
 
-    def one(pieces: list) -> Any:
-        own = iter(pieces)
-        leaves = [next(own) if lane else leaf for leaf, lane in _pairs(trees, batched)]
+    The lanes are shared out among the devices, each of which takes its own one by one.
+    """
+    batched = jax.tree.map(lambda leaf, own: jnp.ndim(leaf) > own, trees, axes)
+    own = [jnp.moveaxis(jnp.asarray(leaf), -1, 0) for leaf, lane in _pairs(trees, batched) if lane]
+    shared = [jnp.asarray(leaf) for leaf, lane in _pairs(trees, batched) if not lane]
+    lanes, devices = own[0].shape[0], len(jax.local_devices())
+    missing = -lanes % devices
+
+    def one(shared: list, pieces: list) -> Any:
+        here, alike = iter(pieces), iter(shared)
+        leaves = [next(here) if lane else next(alike) for lane in jax.tree.leaves(batched)]
         return function(jax.tree.unflatten(jax.tree.structure(trees), leaves))
 
-    del lanes
-    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), jax.lax.map(one, moved))
+    def work(shared: list, own: list) -> Any:
+        return jax.lax.map(functools.partial(one, shared), own)
+
+    filled = [jnp.pad(leaf, [(0, missing)] + [(0, 0)] * (leaf.ndim - 1), mode="edge") for leaf in own]
+    found = _on_devices(work)(shared, filled)
+    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf[:lanes], 0, -1), found)
 
 
 def _pairs(trees: Any, batched: Any) -> Any:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Complex, Float
+from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Int
 
 from .dampers import Damper
 from .deflections import layout, size
@@ -26,8 +26,8 @@ State = Float[Array, "states"]
 #: what counts as one in Newton's norm: 1 mm or mrad, 50 mm/s or mrad/s; 0.1 s of period; 10 m/s of speed
 DISPLACEMENT, VELOCITY, PERIOD, SPEED = 1e-3, 5e-2, 0.1, 10.0
 
-#: Newton stops when residual and last step are below this (of the units above); quadratic convergence then leaves 1e-13
-TOLERANCE = 1e-7
+#: an orbit counts as closed with residuals (of the units above) below this
+CLOSED = 1e-9
 MOST_ITERATIONS = 12
 
 
@@ -165,51 +165,68 @@ def section(model: Model, shooting: Shooting, orbit: Orbit) -> State:
     return flow(model, orbit, orbit.period, shooting.steps)[0] / scales(model)
 
 
-def residual(model: Model, shooting: Shooting, unknowns: Float[Array, "unknowns"]) -> State:
-    """How far the orbit is from closing; as many equations as states, one fewer than unknowns."""
-    orbit = unpack(model, shooting, unknowns)
-    return section(model, shooting, orbit) - orbit.state / scales(model)
+class Linearised(NamedTuple):
+    """The equations at a point: residual and its derivative by all unknowns and by the whole scaled state."""
+
+    residual: State
+    jacobian: Float[Array, "states unknowns"]
+    monodromy: Float[Array, "states states"]
 
 
-def closed(model: Model, shooting: Shooting, problem: Problem) -> tuple[Float[Array, "unknowns"], Bool[Array, ""]]:
-    """Newton from the guess; differentiable in `model` and `problem.value` (implicitly)."""
-    import optimistix
-
-    def equations(unknowns: Float[Array, "unknowns"], given: tuple) -> tuple[State, Float[Array, ""]]:
-        model, row, value = given
-        return residual(model, shooting, unknowns), row @ unknowns - value
-
-    solver = optimistix.Newton(rtol=TOLERANCE, atol=TOLERANCE)
-    given = model, problem.row, problem.value
-    found = optimistix.root_find(equations, solver, problem.guess, args=given, max_steps=MOST_ITERATIONS, throw=False)
-    return found.value, found.result == optimistix.RESULTS.successful
-
-
-def solved(model: Model, shooting: Shooting, problem: Problem) -> Point:
-    """`closed`, and what follows from the Jacobian on the orbit: direction of the branch, monodromy matrix, adjoint."""
-    unknowns, converged = closed(model, shooting, problem)
-    orbit = unpack(model, shooting, unknowns)
+def linearised(model: Model, shooting: Shooting, unknowns: Float[Array, "unknowns"]) -> Linearised:
+    """Residual and Jacobian by forward mode: one lane per column, which share the flow's own arithmetic."""
     scale = scales(model)
 
     def of_all(scaled: State, period: Scalar, speed: Scalar) -> tuple[State, State]:
         arrived = section(model, shooting, Orbit(scaled * scale, period * PERIOD, speed * SPEED))
         return arrived, arrived
 
-    start = orbit.state / scale
+    start = unpack(model, shooting, unknowns).state / scale
     columns, arrived = jax.jacfwd(of_all, argnums=(0, 1, 2), has_aux=True)(start, unknowns[-2], unknowns[-1])
     monodromy, of_period, of_speed = columns
     rate = amplitude_index(model.vehicle, shooting.wheelset) + size(model.vehicle)
     of_state = jnp.delete(monodromy - jnp.eye(scale.shape[0]), np.array(rate), axis=1)
-    bordered = jnp.vstack([jnp.column_stack([of_state, of_period, of_speed]), problem.row])
-    last = jnp.zeros(bordered.shape[0]).at[-1].set(1.0)
+    return Linearised(arrived - start, jnp.column_stack([of_state, of_period, of_speed]), monodromy)
+
+
+def solved(model: Model, shooting: Shooting, problem: Problem) -> Point:
+    """Newton from the guess, and what the Jacobian tells of the orbit found: direction of the branch, monodromy, adjoint.
+
+    Of own code, because optimistix (0.1.0) does not work under `shard_map`, on which batches rely, and forms the Jacobian anew
+    for what is wanted of it at the end.
+    """
+
+    class Iterate(NamedTuple):
+        here: Float[Array, "unknowns"]
+        ahead: Float[Array, "unknowns"]
+        equations: Linearised
+        error: Float[Array, ""]
+        count: Int[Array, ""]
+
+    def unfinished(iterate: Iterate) -> Bool[Array, ""]:
+        # NaN is finished
+        return (iterate.error > CLOSED) & (iterate.count < MOST_ITERATIONS)
+
+    def corrected(iterate: Iterate) -> Iterate:
+        here = iterate.ahead
+        equations = linearised(model, shooting, here)
+        off = jnp.append(equations.residual, problem.row @ here - problem.value)
+        step = jnp.linalg.solve(jnp.vstack([equations.jacobian, problem.row]), off)
+        return Iterate(here, here - step, equations, jnp.max(jnp.abs(off)), iterate.count + 1)
+
+    states = problem.guess.shape[0] - 1
+    nothing = Linearised(jnp.zeros(states), jnp.zeros((states, states + 1)), jnp.zeros((states, states)))
+    start = Iterate(problem.guess, problem.guess, nothing, jnp.asarray(jnp.inf), jnp.asarray(0))
+    unknowns, _, equations, error, _ = jax.lax.while_loop(unfinished, corrected, start)
+    bordered = jnp.vstack([equations.jacobian, problem.row])
+    last = jnp.zeros(states + 1).at[-1].set(1.0)
     tangent = jnp.linalg.solve(bordered, last)
     # the speed is the last unknown
     adjoint = jnp.linalg.solve(bordered.T, last)[:-1]
-    error = jnp.max(jnp.abs(arrived - start))
-    sound = jnp.all(jnp.isfinite(tangent)) & (error < 10.0 * TOLERANCE) & (orbit.speed > 0.0) & (orbit.period > 0.0)
+    orbit = unpack(model, shooting, unknowns)
+    usable = (error <= CLOSED) & jnp.all(jnp.isfinite(tangent)) & (orbit.speed > 0.0) & (orbit.period > 0.0)
     amplitude = orbit.state[amplitude_index(model.vehicle, shooting.wheelset)]
-    direction = tangent / jnp.linalg.norm(tangent)
-    return Point(unknowns, direction, amplitude, monodromy, adjoint, error, converged & sound)
+    return Point(unknowns, tangent / jnp.linalg.norm(tangent), amplitude, equations.monodromy, adjoint, error, usable)
 
 
 def implicit_speed(model: Model, shooting: Shooting, point: Point) -> Float[Array, ""]:
@@ -219,7 +236,9 @@ def implicit_speed(model: Model, shooting: Shooting, point: Point) -> Float[Arra
     point's problem picks held. At a fold, where the speed is stationary along the branch, that is the fold's own.
     """
     fixed = jax.lax.stop_gradient(point)
-    return (fixed.unknowns[-1] - fixed.adjoint @ residual(model, shooting, fixed.unknowns)) * SPEED
+    orbit = unpack(model, shooting, fixed.unknowns)
+    residual = section(model, shooting, orbit) - orbit.state / scales(model)
+    return (fixed.unknowns[-1] - fixed.adjoint @ residual) * SPEED
 
 
 def plane(model: Model, shooting: Shooting, vector: Float[Array, "unknowns"]) -> Float[Array, "2"]:
