@@ -26,9 +26,10 @@ State = Float[Array, "states"]
 #: what counts as one in Newton's norm: 1 mm or mrad, 50 mm/s or mrad/s; 0.1 s of period; 10 m/s of speed
 DISPLACEMENT, VELOCITY, PERIOD, SPEED = 1e-3, 5e-2, 0.1, 10.0
 
-#: an orbit counts as closed with residuals (of the units above) below this
-CLOSED = 1e-9
-MOST_ITERATIONS = 12
+#: Newton goes on until all residuals (of the units above) are below the first, and an orbit counts as closed below the second,
+#: for at a flange's corner Newton creeps
+AIM, CLOSED = 1e-9, 1e-7
+MOST_ITERATIONS = 16
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,7 @@ def solved(model: Model, shooting: Shooting, problem: Problem) -> Point:
 
     def unfinished(iterate: Iterate) -> Bool[Array, ""]:
         # NaN is finished
-        return (iterate.error > CLOSED) & (iterate.count < MOST_ITERATIONS)
+        return (iterate.error > AIM) & (iterate.count < MOST_ITERATIONS)
 
     def corrected(iterate: Iterate) -> Iterate:
         here = iterate.ahead
