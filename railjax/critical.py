@@ -33,7 +33,6 @@ from .motion import PASSIVE, wheelset_shape
 from .orbits import PERIOD, Model, Point, Problem, Shooting, implicit_speed, rounded, solved
 from .precision import require_double_precision
 from .typing import Scalar
-from .units import KMH
 from .vehicle import Vehicle, without_labels
 
 #: the branch is entered this much above the linear critical speed, where the vehicle is drawn to a limit cycle...
