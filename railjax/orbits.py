@@ -279,7 +279,7 @@ class Floquet(NamedTuple):
     @property
     def stable(self) -> bool:
         """Whether nearby motions come back to the orbit."""
-        return self.largest < 1.0
+        return self.largest < 1.0 - 1e-9  # neither at a fold nor at the Hopf point
 
 
 def floquet(shooting: Shooting, monodromy: Float[np.ndarray, "states states"]) -> Floquet:
