@@ -1,14 +1,15 @@
 """The bifurcation diagram of hunting: limit cycles over speed, from the Hopf point to the highest speed, with stability.
 
-    branch = railjax.hunting_branch(railjax.load_vehicle("coach"))
-    print(branch)
-    branch.plot(axes)
+branch = railjax.hunting_branch(railjax.load_vehicle("coach"))
+print(branch)
+branch.plot(axes)
 """
 
 import functools
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +24,7 @@ from .errors import InputError, NumericalError
 from .linear import LinearCritical, Stability, linear_critical
 from .motion import PASSIVE, state_matrix
 from .normal_form import first_lyapunov_coefficient
-from .orbits import BY_AMPLITUDE, BY_SPEED, PERIOD, SPEED, Floquet, Model, Point, Problem, Shooting, floquet, row_of
+from .orbits import BY_SPEED, PERIOD, SPEED, Floquet, Model, Point, Problem, Shooting, floquet, row_of
 from .precision import require_double_precision
 from .units import KMH
 from .vehicle import Vehicle, without_labels
@@ -142,7 +143,7 @@ class Branch:
     def at(self, speed: float, stable: bool = True) -> LimitCycle:
         """The limit cycle at a speed (m/s), solved for; `InputError` where the branch has none that is (un)stable there."""
         for piece in self.pieces:
-            for one, other in zip(piece[:-1], piece[1:], strict=True):
+            for one, other in itertools.pairwise(piece):
                 within = min(one.speed, other.speed) <= speed <= max(one.speed, other.speed)
                 if within and one.stable == stable and other.stable == stable:
                     share = (speed - one.speed) / (other.speed - one.speed) if other.speed != one.speed else 0.0
@@ -194,7 +195,7 @@ class Branch:
 
 _solved = jax.jit(orbits.solved, static_argnums=1)
 _next_orbit = jax.jit(continuation.next_orbit, static_argnums=1)
-_attracting = jax.jit(continuation.attracting, static_argnums=1)
+_settled = jax.jit(continuation.settled, static_argnums=1)
 _near_hopf = jax.jit(continuation.near_hopf, static_argnums=1)
 _modes = jax.jit(continuation.hunting_modes, static_argnums=(1, 3))
 _walked, _bracket, _narrowed, _resolved, _between = map(jax.jit, (walked, bracket, narrowed, resolved, orbit_between))
@@ -304,7 +305,9 @@ class _Tracer:
         leads to the Hopf point, it is all; where it turns again on the way, the branch that leaves the Hopf point is another
         one and is followed by itself up to its own fold.
         """
-        entry = self._solve(_attracting(self.model, self.shooting, *self.mode, ENTRY * self.speed, self.clearance))
+        shape, omega = self.mode
+        start = shape * self.clearance, 2.0 * np.pi / omega, ENTRY * self.speed
+        entry = self._solve(_settled(self.model, self.shooting, *start))
         if not bool(entry.usable):
             raise NumericalError(
                 f"no limit cycle found at {ENTRY:g} times the linear critical speed: the motion there is not periodic within "
@@ -424,7 +427,7 @@ def _largest_displacement(model: Model, shooting: Shooting, orbit: orbits.Orbit)
 def _events(piece: tuple[LimitCycle, ...], folds: tuple[LimitCycle, ...], symmetric: bool) -> Iterator[Event]:
     """Where multipliers cross the unit circle between two points, but at folds."""
     special = {id(fold) for fold in folds} | {id(point) for point in piece if point.amplitude == 0.0}
-    for one, other in zip(piece[:-1], piece[1:], strict=True):
+    for one, other in itertools.pairwise(piece):
         outside = [int(np.sum(np.abs(point.floquet.half[1:]) > 1.0)) for point in (one, other)]
         if outside[0] == outside[1] or id(one) in special or id(other) in special:
             continue
