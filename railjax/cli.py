@@ -10,6 +10,7 @@ from .cli_common import AsJson
 from .cli_common import finite as _finite
 from .cli_common import show as _show
 from .cli_damper import damper_app
+from .cli_hunting import hunting
 from .errors import InputError, NumericalError
 
 app = typer.Typer(
@@ -18,6 +19,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(damper_app, name="damper")
+app.command()(hunting)
 
 VehicleName = Annotated[
     str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")

@@ -9,19 +9,20 @@ from jaxtyping import Float
 from .critical import default_wheelset
 from .dampers import Damper
 from .errors import InputError
+from .linear import Stability, linear_critical
 from .motion import PASSIVE
 from .precision import require_double_precision
 from .simulate import Result, simulate
-from .track import SpeedProfile
+from .track import SinusoidTrack, SpeedProfile
 from .units import KMH
 from .vehicle import Vehicle
 
 #: m/s²; slow enough for the coach's jumps to lie within 1 km/h of the fold and a few km/h of the Hopf point
-RATE = 0.04
+RATE = 0.02
 #: s; the amplitude is the largest displacement within such windows, which hold several periods
 WINDOW = 1.0
-#: m; disturbance with which the ramp up begins
-DISTURBANCE = 1e-4
+#: m; amplitude of the sinusoidal alignment on the way up, without which nothing would leave straight running
+DISTURBANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -66,9 +67,9 @@ def speed_ramp(
 ) -> Ramp:
     """Simulate the vehicle on even track while its speed falls from `high` to `low` (m/s) and rises again, at `rate` m/s².
 
-    The way down begins with all wheelsets displaced by `amplitude` m (default the flange clearance) and 10 s at `high`, the way
-    up with a disturbance of 0.1 mm at `low`. A jump comes late by what the vehicle moves on in the meantime: less the slower
-    the ramp. Raises `InputError` for speeds or a rate that make no ramp, and for a dt that RK4 does not hold.
+    The way down begins with all wheelsets displaced by `amplitude` m (default the flange clearance) and 10 s at `high`; on the
+    way up the track has a sinusoidal alignment of 1 µm with the wavelength of hunting. A jump comes late by what the vehicle
+    moves on in the meantime: less the slower the ramp. Raises `InputError` for speeds or a rate that make no ramp, and for a dt that RK4 does not hold.
     """
     require_double_precision("a speed ramp")
     if not 0 < low < high:
@@ -80,13 +81,17 @@ def speed_ramp(
     settle = 10.0
     duration = settle + np.ceil((high - low) / rate / WINDOW) * WINDOW
     times = jnp.array([0.0, settle, duration])
+    hopf = linear_critical(vehicle, damper=damper)
+    found = bool(hopf.code == Stability.OK)
+    wavelength = float(hopf.speed / hopf.frequency) if found else 20.0
     ways = []
-    for speeds, start in (((high, high, low), amplitude), ((low, low, high), DISTURBANCE)):
+    for speeds, start, wave in (((high, high, low), amplitude, 0.0), ((low, low, high), 0.0, DISTURBANCE)):
         profile = SpeedProfile(times, jnp.array(speeds))
         run = simulate(
             vehicle,
             profile,
             damper=damper,
+            track=SinusoidTrack(wave, wavelength),
             duration=float(duration),
             dt=dt,
             initial={"wheelset_y": start},
