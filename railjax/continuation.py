@@ -67,7 +67,12 @@ def near_hopf(
 
 
 def settled(
-    model: Model, shooting: Shooting, state: Float[Array, "states"], period: Scalar, speed: Scalar, periods: Scalar = SETTLING
+    model: Model,
+    shooting: Shooting,
+    state: Float[Array, "states"],
+    period: Scalar,
+    speed: Scalar,
+    periods: int | Int[Array, ""] = SETTLING,
 ) -> Problem:
     """The limit cycle to which the vehicle is drawn at a speed (m/s) from a state on, about whose period (s) is known.
 

@@ -24,7 +24,7 @@ from .errors import InputError, NumericalError
 from .linear import LinearCritical, Stability, linear_critical
 from .motion import PASSIVE, state_matrix
 from .normal_form import first_lyapunov_coefficient
-from .orbits import BY_SPEED, PERIOD, SPEED, Floquet, Model, Point, Problem, Shooting, floquet, row_of
+from .orbits import BY_SPEED, PERIOD, SPEED, Floquet, Model, Point, Problem, Shooting, floquet, multipliers_of, row_of
 from .precision import require_double_precision
 from .units import KMH
 from .vehicle import Vehicle, without_labels
@@ -299,7 +299,7 @@ class _Tracer:
         self.clearance = jnp.asarray(entry_amplitude(model.vehicle), float)
 
     def pieces(self, highest: float) -> tuple[list[Point], list[Point], list[Point], str]:
-        """Limit cycles below and above the fold, the folds, and a note.
+        """Limit cycles from the Hopf point on, those that are not connected with it, the folds, and a note.
 
         From above: the limit cycle to which the vehicle is drawn, up to the highest speed and down past the fold. Where that
         leads to the Hopf point, it is all; where it turns again on the way, the branch that leaves the Hopf point is another
@@ -321,8 +321,7 @@ class _Tracer:
                 break
         down, folds, connected = self._downwards(entry._replace(direction=-upwards.direction))
         if connected:
-            below = down[::-1]
-            return below, up, folds, ""
+            return [*down[::-1], *up], [], folds, ""
         # the part beyond the fold belongs to other combinations of bogies
         at = next((k for k, point in enumerate(down) if folds and point is folds[0]), len(down) - 1)
         above = down[: at + 1][::-1] + up
@@ -396,7 +395,7 @@ class _Tracer:
         half = np.exp(0.5 * growth) * -1.0 if self.shooting.symmetric else np.exp(growth)
         nothing = np.zeros(states)
         unknowns = np.append(np.zeros(states - 1), [period / PERIOD, float(self.speed) / SPEED])
-        found = floquet(self.shooting, np.diag(half))
+        found = floquet(self.shooting, half)
         return LimitCycle(float(self.speed), 0.0, 1.0 / period, found, nothing, 0.0, unknowns)
 
 
@@ -406,7 +405,7 @@ def _limit_cycle(model: Model, shooting: Shooting, point: Point) -> LimitCycle:
         float(orbit.speed),
         _largest_displacement(model, shooting, orbit),
         1.0 / float(orbit.period),
-        floquet(shooting, point.monodromy),
+        multipliers_of(shooting, np.asarray(point.monodromy)),
         np.asarray(orbit.state),
         float(point.residual),
         np.asarray(point.unknowns),
