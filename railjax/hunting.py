@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from . import continuation, orbits
-from .continuation import MOST_TRIES, bracket, narrowed, orbit_between, resolved, stuck, walked
+from .continuation import MOST_TRIES, SMALLEST_STEP, bracket, narrowed, orbit_between, resolved, walked
 from .critical import ENTRY, default_steps, default_wheelset, entry_amplitude
 from .dampers import Damper
 from .errors import InputError, NumericalError
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 NEAR_HOPF, DOWN_TO, AT_HOPF = 0.1, 0.02, 1e-3
 #: longest step between two points of the diagram (1 mm or 10 m/s), and the most points that one piece may have
 LARGEST_STEP, MOST_POINTS = 0.25, 600
+#: largest difference of unknowns (1 mm, 50 mm/s, ...) between two computations of one fold
+SAME = 1e-2
 #: how far the diagram goes, in linear critical speeds
 HIGHEST = 1.25
 
@@ -213,12 +215,12 @@ def follow(
     Yields each point, and the fold between it and the one before (solved for) where there is one.
     """
     walk = continuation.begun(start)
-    while not bool(stuck(walk)):
+    while float(walk.step) >= SMALLEST_STEP:
         ahead = _solved(model, shooting, _next_orbit(model, shooting, walk))
-        before, walk = walk, _walked(walk, ahead, largest_step)
-        if float(walk.step) < float(before.step) and bool(jnp.all(walk.point.unknowns == before.point.unknowns)):
-            continue
-        folded = float(walk.before.direction[-1]) * float(walk.point.direction[-1]) < 0.0
+        here, walk = np.asarray(walk.point.unknowns), _walked(walk, ahead, largest_step)
+        if np.array_equal(here, np.asarray(walk.point.unknowns)):
+            continue  # the step was not kept
+        folded = np.asarray(walk.before.direction)[-1] * np.asarray(walk.point.direction)[-1] < 0.0
         yield walk.point, _fold(model, shooting, walk.before, walk.point) if folded else None
 
 
@@ -264,7 +266,8 @@ def hunting_branch(
         raise InputError(f"highest_speed must lie above {ENTRY * speed:.2f} m/s, {ENTRY:g} times the linear critical speed")
     half = default_steps(vehicle, damper, hopf) if steps is None else steps
     shooting = Shooting(half if symmetric else 2 * half, default_wheelset(vehicle, wheelset), symmetric)
-    model = Model(without_labels(orbits.rounded(vehicle)), damper)
+    # as arrays, which are quicker to hand over than Python's numbers
+    model = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), Model(without_labels(orbits.rounded(vehicle)), damper))
     tracer = _Tracer(model, shooting, hopf, largest_step)
     below, above, folds, note = tracer.pieces(highest)
     slope = tracer.slope_at_hopf()
@@ -301,9 +304,8 @@ class _Tracer:
     def pieces(self, highest: float) -> tuple[list[Point], list[Point], list[Point], str]:
         """Limit cycles from the Hopf point on, those that are not connected with it, the folds, and a note.
 
-        From above: the limit cycle to which the vehicle is drawn, up to the highest speed and down past the fold. Where that
-        leads to the Hopf point, it is all; where it turns again on the way, the branch that leaves the Hopf point is another
-        one and is followed by itself up to its own fold.
+        From above: the limit cycle to which the vehicle is drawn, up to the highest speed and down to its fold. From below: the
+        branch that leaves the Hopf point, up to its fold. Where the two are one and the same, so is the branch.
         """
         shape, omega = self.mode
         start = shape * self.clearance, 2.0 * np.pi / omega, ENTRY * self.speed
@@ -317,20 +319,26 @@ class _Tracer:
         up = [entry]
         for point, _ in self._follow(upwards):
             up.append(point)
-            if float(point.unknowns[-1]) * SPEED > highest:
+            if np.asarray(point.unknowns)[-1] * SPEED > highest:
                 break
-        down, folds, connected = self._downwards(entry._replace(direction=-upwards.direction))
-        if connected:
-            return [*down[::-1], *up], [], folds, ""
-        # the part beyond the fold belongs to other combinations of bogies
-        at = next((k for k, point in enumerate(down) if folds and point is folds[0]), len(down) - 1)
-        above = down[: at + 1][::-1] + up
+        down, fold, at_hopf = self._to_fold(entry._replace(direction=-upwards.direction))
+        above = [*down[::-1], *up]
+        if at_hopf:
+            return above, [], [], ""
         below, own = self._from_hopf()
+        folds = [found for found in (own, fold) if found is not None]
+        if len(folds) == 2 and self._same(*folds):
+            return [*below[:-1], *above], [], [folds[1]], ""
         note = (
             "The branch from the Hopf point and that of the stable limit cycles are not connected directly: bogies that barely "
             "feel each other have neighbouring limit cycles in between, in which one hunts less than the other."
         )
-        return below, above, [*own, *folds[:1]], note
+        return below, above, folds, note
+
+    @staticmethod
+    def _same(one: Point, other: Point) -> bool:
+        """Whether two folds are the same orbit, or its mirror image half a period later."""
+        return bool(np.allclose(one.unknowns, other.unknowns, atol=SAME))
 
     def _follow(self, start: Point) -> Iterator[tuple[Point, Point | None]]:
         for count, found in enumerate(follow(self.model, self.shooting, start, self.largest_step)):
@@ -341,42 +349,33 @@ class _Tracer:
     def _solve(self, problem: Problem) -> Point:
         return _solved(self.model, self.shooting, problem)
 
-    def _downwards(self, start: Point) -> tuple[list[Point], list[Point], bool]:
-        """Down to small amplitudes or to a second fold: points and folds, in the order met; whether the Hopf point was met."""
-        points, folds = [], []
+    def _to_fold(self, start: Point) -> tuple[list[Point], Point | None, bool]:
+        """Onwards to a fold or to small amplitudes: the points up to there, the fold, whether the Hopf point was met."""
+        points: list[Point] = []
         for point, fold in self._follow(start):
             if fold is not None:
-                folds.append(fold)
-                points.append(fold)
-                if len(folds) == 2:
-                    return points, folds, False
+                return [*points, fold], fold, False
             points.append(point)
             if float(point.amplitude) < DOWN_TO * float(self.clearance):
-                return points, folds, True
-        return points, folds, False
+                return points, None, True
+        return points, None, False
 
-    def _from_hopf(self) -> tuple[list[Point], list[Point]]:
+    def _from_hopf(self) -> tuple[list[Point], Point | None]:
         """From near the Hopf point down to it as far as it goes, and up to the first fold."""
         start = self._solve(_near_hopf(self.model, self.shooting, *self.mode, self.speed, NEAR_HOPF * self.clearance))
         if not bool(start.usable):
-            return [], []
-        below, folds = [], []
+            return [], None
+        below = []
         for point, _ in self._follow(start._replace(direction=-start.direction)):
             # the branch turns before it meets the Hopf point where another mode is near
             if float(point.amplitude) < DOWN_TO * float(self.clearance) or self._rises(point):
                 break
             below.append(point)
-        points = [*below[::-1], start]
-        for point, fold in self._follow(start):
-            if fold is not None and float(point.amplitude) > float(start.amplitude):
-                folds.append(fold)
-                points.append(fold)
-                break
-            points.append(point)
-        return points, folds
+        points, fold, _ = self._to_fold(start)
+        return [*below[::-1], start, *points], fold
 
     def _rises(self, point: Point) -> bool:
-        return float(orbits.plane(self.model, self.shooting, point.direction)[0]) > 0.0
+        return bool(np.asarray(point.direction)[orbits.amplitude_index(self.model.vehicle, self.shooting.wheelset)] > 0.0)
 
     def slope_at_hopf(self) -> float:
         """dv/dA of the branch where it leaves the Hopf point, m/s per m."""
@@ -400,10 +399,10 @@ class _Tracer:
 
 
 def _limit_cycle(model: Model, shooting: Shooting, point: Point) -> LimitCycle:
-    orbit = orbits.unpack(model, shooting, point.unknowns)
+    orbit, peak = _orbit_and_peak(model, shooting, point.unknowns)
     return LimitCycle(
         float(orbit.speed),
-        _largest_displacement(model, shooting, orbit),
+        float(peak),
         1.0 / float(orbit.period),
         multipliers_of(shooting, np.asarray(point.monodromy)),
         np.asarray(orbit.state),
@@ -413,14 +412,14 @@ def _limit_cycle(model: Model, shooting: Shooting, point: Point) -> LimitCycle:
 
 
 @functools.partial(jax.jit, static_argnums=1)
-def _peak(model: Model, shooting: Shooting, orbit: orbits.Orbit) -> Float[Array, ""]:
+def _orbit_and_peak(
+    model: Model, shooting: Shooting, unknowns: Float[Array, "unknowns"]
+) -> tuple[orbits.Orbit, Float[Array, ""]]:
+    """The orbit and the wheelset's largest displacement over its period, m: more than at the turning point where the wheelset
+    turns more than twice."""
+    orbit = orbits.unpack(model, shooting, unknowns)
     y = orbits.history(model, shooting, orbit)[:, orbits.amplitude_index(model.vehicle, shooting.wheelset)]
-    return jnp.max(jnp.abs(y))
-
-
-def _largest_displacement(model: Model, shooting: Shooting, orbit: orbits.Orbit) -> float:
-    """Of the wheelset over the period, m; more than at the turning point where it turns more than twice."""
-    return float(_peak(model, shooting, orbit))
+    return orbit, jnp.max(jnp.abs(y))
 
 
 def _events(piece: tuple[LimitCycle, ...], folds: tuple[LimitCycle, ...], symmetric: bool) -> Iterator[Event]:
