@@ -9,7 +9,9 @@
 Importing it changes no JAX configuration and starts no backend.
 """
 
+from .calibrate import Calibration, calibrate
 from .channels import CHANNELS
+from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
 from .dampers import PassiveDamper
 from .errors import InputError, NumericalError
 from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
@@ -30,9 +32,12 @@ __all__ = [
     "CHANNELS",
     "BumpStop",
     "BumpTrack",
+    "Calibration",
+    "Hunting",
     "InputError",
     "LateralDamper",
     "Modes",
+    "NonlinearCritical",
     "NumericalError",
     "PassiveDamper",
     "Result",
@@ -45,6 +50,7 @@ __all__ = [
     "Vehicle",
     "YawDamper",
     "alignment",
+    "calibrate",
     "contact_ellipse",
     "creep_coefficients",
     "get_parameter",
@@ -55,6 +61,8 @@ __all__ = [
     "load_vehicle",
     "matrices",
     "modes",
+    "nonlinear_critical",
+    "nonlinear_critical_speed",
     "packaged_vehicles",
     "parameters",
     "replace",
