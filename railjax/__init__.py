@@ -14,13 +14,16 @@ from .channels import CHANNELS
 from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
 from .dampers import PassiveDamper
 from .errors import InputError, NumericalError
+from .hunting import Branch, LimitCycle, hunting_branch
 from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
 from .kernels import jit
 from .lanes import use_all_cores
 from .linear import Stability, linear_critical, linear_critical_speed
 from .modes import Modes, RootLocus, modes, root_locus
 from .motion import matrices, state_matrix, track_matrix
+from .normal_form import first_lyapunov_coefficient
 from .precision import use_double_precision
+from .ramp import Ramp, speed_ramp
 from .simulate import Result, Simulation, simulate
 from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
@@ -30,16 +33,19 @@ __version__ = "0.1.0"
 
 __all__ = [
     "CHANNELS",
+    "Branch",
     "BumpStop",
     "BumpTrack",
     "Calibration",
     "Hunting",
     "InputError",
     "LateralDamper",
+    "LimitCycle",
     "Modes",
     "NonlinearCritical",
     "NumericalError",
     "PassiveDamper",
+    "Ramp",
     "Result",
     "RootLocus",
     "Simulation",
@@ -53,7 +59,9 @@ __all__ = [
     "calibrate",
     "contact_ellipse",
     "creep_coefficients",
+    "first_lyapunov_coefficient",
     "get_parameter",
+    "hunting_branch",
     "jit",
     "kalker_coefficients",
     "linear_critical",
@@ -69,6 +77,7 @@ __all__ = [
     "root_locus",
     "set_parameter",
     "simulate",
+    "speed_ramp",
     "state_matrix",
     "track_matrix",
     "use_all_cores",

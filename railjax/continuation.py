@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .motion import state_matrix
+from .motion import state_matrix, wheelset_shape
 from .orbits import (
     BY_AMPLITUDE,
     BY_SPEED,
@@ -66,32 +66,42 @@ def near_hopf(
     return Problem(guess, row_of(model, shooting, BY_AMPLITUDE), jnp.asarray(amplitude) / DISPLACEMENT)
 
 
-def attracting(
-    model: Model, shooting: Shooting, shape: Float[Array, "states"], omega: Scalar, speed: Scalar, amplitude: Scalar
+def settled(
+    model: Model,
+    shooting: Shooting,
+    state: Float[Array, "states"],
+    period: Scalar,
+    speed: Scalar,
+    periods: int | Int[Array, ""] = SETTLING,
 ) -> Problem:
-    """The limit cycle to which the vehicle is drawn at a speed, from a mode's shape with an amplitude (m) on.
+    """The limit cycle to which the vehicle is drawn at a speed (m/s) from a state on, about whose period (s) is known.
 
-    The guess comes from a simulation of `SETTLING` periods, which brings the motion as near as Newton needs.
+    The guess comes from a simulation of some periods, which brings the motion as near as Newton needs.
     """
     per_period = 2 * shooting.steps if shooting.symmetric else shooting.steps
-    period = 2.0 * jnp.pi / omega
-    start = Orbit(shape * amplitude, period, jnp.asarray(speed))
+    orbit = Orbit(state, jnp.asarray(period), jnp.asarray(speed))
 
-    def one_period(x: Float[Array, "states"], _: None) -> tuple[Float[Array, "states"], Float[Array, "steps"]]:
-        end, states = flow(model, start._replace(state=x), period, per_period)
-        return end, states
+    def one_period(x: Float[Array, "states"]) -> tuple[Float[Array, "states"], Float[Array, "steps states"]]:
+        return flow(model, orbit._replace(state=x), orbit.period, per_period)
 
-    x, _ = jax.lax.scan(lambda x, _: (one_period(x, None)[0], None), start.state, length=SETTLING)
+    x = jax.lax.fori_loop(0, periods, lambda _, x: one_period(x)[0], state)
     # two periods of history: from the first turning point to the right on to the one to the left after it
-    _, states = jax.lax.scan(one_period, x, length=2)
+    _, states = jax.lax.scan(lambda x, _: one_period(x), x, length=2)
     states = states.reshape((2 * per_period, -1))
     index = jnp.arange(2 * per_period)
     y = states[:, amplitude_index(model.vehicle, shooting.wheelset)]
     right = jnp.argmax(jnp.where(index < per_period, y, -jnp.inf))
     near = (index > right + 0.2 * per_period) & (index < right + 0.9 * per_period)
     left = jnp.argmin(jnp.where(near, y, jnp.inf))
-    guess = pack(model, shooting, Orbit(states[right], 2.0 * (left - right) * period / per_period, jnp.asarray(speed)))
-    return Problem(guess, row_of(model, shooting, BY_SPEED), jnp.asarray(speed) / SPEED)
+    guess = pack(model, shooting, Orbit(states[right], 2.0 * (left - right) * orbit.period / per_period, orbit.speed))
+    return Problem(guess, row_of(model, shooting, BY_SPEED), orbit.speed / SPEED)
+
+
+def largest_displacement(model: Model, point: Point) -> Float[Array, ""]:
+    """Largest lateral displacement of any wheelset at the instant of the point, m."""
+    first = amplitude_index(model.vehicle, 0)
+    bogies, axles = wheelset_shape(model.vehicle)
+    return jnp.max(jnp.abs(point.unknowns[first : first + bogies * axles])) * DISPLACEMENT
 
 
 def speed_of(point: Point) -> Float[Array, ""]:

@@ -2,7 +2,7 @@
 
 import functools
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,26 +11,44 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .continuation import (
     MOST_TRIES,
+    SETTLING,
     Bracket,
     Walk,
-    attracting,
     begun,
     bracket,
     hunting_modes,
+    largest_displacement,
     narrowed,
     next_orbit,
     orbit_between,
     resolved,
+    settled,
     stuck,
     walked,
 )
 from .dampers import Damper
+from .deflections import labels
 from .errors import InputError, NumericalError
 from .integrate import STABLE_RADIUS, fastest_rate
 from .lanes import count_lanes, one_by_one, own_axes
 from .linear import LinearCritical, Stability, linear_critical
-from .motion import PASSIVE, wheelset_shape
-from .orbits import PERIOD, Model, Point, Problem, Shooting, implicit_speed, rounded, solved
+from .motion import PASSIVE, state_size, wheelset_shape
+from .orbits import (
+    BY_SPEED,
+    PERIOD,
+    SPEED,
+    Model,
+    Orbit,
+    Point,
+    Problem,
+    Shooting,
+    implicit_speed,
+    pack,
+    rounded,
+    row_of,
+    solved,
+    unpack,
+)
 from .precision import require_double_precision
 from .typing import Scalar
 from .vehicle import Vehicle, without_labels
@@ -41,7 +59,9 @@ ENTRY = 1.02
 ENTRY_AMPLITUDE = 1.0
 #: longest step down the branch (1 mm or 10 m/s), and how many are tried
 LARGEST_STEP, MOST_STEPS = 0.1, 400
-#: amplitude (share of the clearance) below which a falling branch is taken to have ended in the Hopf point
+#: share of a fold's speed at which it is tried whether one bogie hunts on by itself
+BELOW = 0.998
+#: displacement (share of the clearance) below which a falling branch is taken to have ended in the Hopf point
 SMALL = 0.1
 #: fewest steps of RK4 in half a period; the fold of the coach moves by less than 1e-4 km/h when they are doubled
 FEWEST_STEPS = 200
@@ -109,8 +129,9 @@ def nonlinear_critical(
     the paper's fig. 6. `steps` of RK4 cut half a period; by default enough for the fastest motion of the vehicle, at least 200.
 
     The branch is entered from above: 2 % above the linear critical speed the vehicle is drawn to a limit cycle, which is
-    followed down to its fold. So what is found is the motion that a vehicle settles on, also where bogies that barely feel
-    each other make many branches.
+    followed down to its fold; where one bogie then hunts on by itself, that one is followed as well. So what is found is the
+    end of the motions that a vehicle settles on, as a slow ramp down would show, also where bogies that barely feel each other
+    make many branches.
     """
     require_double_precision("the nonlinear critical speed")
     trees = without_labels(rounded(vehicle)), damper
@@ -187,7 +208,7 @@ def search_fold(trees: tuple, linear: LinearCritical, shooting: Shooting, lanes:
         fixed = jax.tree.map(lambda leaf: jax.lax.stop_gradient(jnp.asarray(leaf, float)), model)
         # where there is no Hopf point the search runs on a speed that does no harm, and its result is dropped
         hopf = jax.lax.stop_gradient(jnp.where(linear.code == Stability.OK, linear.speed, 50.0))
-        point, found, vanished = _fold_from_above(fixed, shooting, hopf)
+        point, found, vanished = _lowest_fold(fixed, shooting, hopf)
         frequency = 1.0 / (point.unknowns[-2] * PERIOD)
         return Fold(implicit_speed(model, shooting, point), point.amplitude, frequency, found, vanished, point)
 
@@ -224,58 +245,102 @@ class Search(NamedTuple):
     walk: Walk
     ends: Bracket
     stage: Int[Array, ""]  # ENTERING, WALKING, FOLDING or one of the results beyond
+    lowest: Point  # the lowest fold found so far
+    found: Bool[Array, ""]
+    alone: Int[Array, ""]  # the bogie that is tried by itself below the lowest fold; -1 before there is one
+    periods: Int[Array, ""]  # to simulate before the problem is solved
+    vanished: Bool[Array, ""]
 
 
-ENTERING, WALKING, FOLDING, FOUND, VANISHED, LOST = range(6)
+ENTERING, WALKING, FOLDING, DONE = range(4)
 
 
-def _fold_from_above(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Point, Bool[Array, ""], Bool[Array, ""]]:
-    """Down the branch of the attracting limit cycle: its fold, whether it was found, and whether the branch fell into the
-    Hopf point instead.
+def _lowest_fold(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Point, Bool[Array, ""], Bool[Array, ""]]:
+    """The lowest fold, whether one was found, and whether the branch fell into the Hopf point instead.
+
+    Down the branch of the attracting limit cycle to its fold. A little below it all bogies but one are put at rest: where the
+    one hunts on by itself, that branch is followed down as well, and so on.
 
     One loop with a single call of `solved`, whatever the stage, because that is what takes long to compile.
     """
     shapes, omegas = hunting_modes(model, shooting, hopf, 1)
     clearance = entry_amplitude(model.vehicle)
+    bogies = wheelset_shape(model.vehicle)[0]
+    tries = bogies if bogies > 1 else 0
+    masks = jnp.asarray(np.array([_bogie_alone(model, k) for k in range(bogies)]))
+
+    def below(search: Search, alone: Int[Array, ""]) -> Search:
+        """One bogie by itself a little below the lowest fold; ends the search after the last."""
+        orbit = unpack(model, shooting, search.lowest.unknowns)
+        state = orbit.state * masks[jnp.clip(alone, 0, bogies - 1)]
+        guess = pack(model, shooting, orbit._replace(state=state, speed=BELOW * orbit.speed))
+        problem = Problem(guess, by_speed, BELOW * orbit.speed / SPEED)
+        stage = jnp.where(search.found & (alone < tries), ENTERING, DONE)
+        return search._replace(problem=problem, alone=alone, stage=stage, periods=jnp.asarray(SETTLING))
 
     def entered(search: Search, point: Point) -> Search:
-        downwards = -jnp.sign(point.direction[-1])
-        walk = begun(point._replace(direction=point.direction * downwards))
-        stage = jnp.where(point.usable, WALKING, LOST)
-        return Search(next_orbit(model, shooting, walk), walk, search.ends, stage)
+        hunting = point.usable & (largest_displacement(model, point) > SMALL * clearance)
+        walk = begun(point._replace(direction=-point.direction * jnp.sign(point.direction[-1])))
+        walking = search._replace(problem=next_orbit(model, shooting, walk), walk=walk, stage=jnp.asarray(WALKING))
+        walking = walking._replace(periods=jnp.asarray(0))
+        return _where(hunting, walking, below(search, search.alone + 1))
 
     def stepped(search: Search, point: Point) -> Search:
         walk = walked(search.walk, point, LARGEST_STEP)
         turned = (walk.before.direction[-1] < 0.0) & (walk.point.direction[-1] >= 0.0)
         ends = bracket(walk.before, walk.point)
-        stage = jnp.where(stuck(walk) | (walk.tried >= MOST_STEPS), LOST, WALKING)
-        stage = jnp.where(walk.point.amplitude < SMALL * clearance, VANISHED, stage)
-        stage = jnp.where(turned, FOLDING, stage)
-        ahead = next_orbit(model, shooting, walk)
-        problem = jax.tree.map(lambda fold, step: jnp.where(turned, fold, step), orbit_between(ends), ahead)
-        return Search(problem, walk, ends, stage)
+        vanished = ~turned & (largest_displacement(model, walk.point) < SMALL * clearance)
+        lost = ~turned & (vanished | stuck(walk) | (walk.tried >= MOST_STEPS))
+        problem = _where(turned, orbit_between(ends), next_orbit(model, shooting, walk))
+        stage = jnp.where(turned, FOLDING, WALKING)
+        going = search._replace(problem=problem, walk=walk, ends=ends, stage=stage)
+        search = search._replace(vanished=search.vanished | vanished)
+        return _where(lost, below(search, search.alone + 1), going)
 
     def tried(search: Search, point: Point) -> Search:
         ends = narrowed(search.ends, point)
-        stage = jnp.where(ends.tried < MOST_TRIES, FOLDING, LOST)
-        stage = jnp.where(resolved(ends), FOUND, stage)
-        return Search(orbit_between(ends), search.walk, ends, stage)
-
-    def going(search: Search) -> Array:
-        return search.stage <= FOLDING
+        going = search._replace(problem=orbit_between(ends), ends=ends)
+        found, gone = resolved(ends), ends.tried >= MOST_TRIES
+        # a fold starts the trials below it anew
+        folded = below(search._replace(lowest=ends.best, found=jnp.asarray(True)), jnp.asarray(0))
+        return _where(found, folded, _where(gone, below(search, search.alone + 1), going))
 
     def onward(search: Search) -> Search:
-        point = solved(model, shooting, search.problem)
+        orbit = unpack(model, shooting, search.problem.guess)
+        drawn = settled(model, shooting, orbit.state, orbit.period, orbit.speed, search.periods)
+        problem = _where(search.periods > 0, drawn, search.problem)
+        point = solved(model, shooting, problem)
         return jax.lax.switch(search.stage, (entered, stepped, tried), search, point)
 
-    entry = attracting(model, shooting, shapes[0], omegas[0], ENTRY * hopf, clearance)
+    by_speed = row_of(model, shooting, BY_SPEED)
+    start = pack(model, shooting, Orbit(shapes[0] * clearance, 2.0 * jnp.pi / omegas[0], ENTRY * hopf))
     states = shapes.shape[1]
-    nowhere = Point(
-        entry.guess, entry.row, jnp.zeros(()), jnp.zeros((states, states)), jnp.zeros(states), jnp.zeros(()), jnp.asarray(False)
-    )
-    start = Search(entry, begun(nowhere), bracket(nowhere, nowhere), jnp.asarray(ENTERING))
-    end = jax.lax.while_loop(going, onward, start)
-    return end.ends.best, end.stage == FOUND, end.stage == VANISHED
+    nothing, zero, no = jnp.zeros(states), jnp.zeros(()), jnp.asarray(False)
+    nowhere = Point(start, by_speed, zero, jnp.zeros((states, states)), nothing, zero, no)
+    first = Problem(start, by_speed, ENTRY * hopf / SPEED)
+    entering, periods = jnp.asarray(ENTERING), jnp.asarray(SETTLING)
+    search = Search(first, begun(nowhere), bracket(nowhere, nowhere), entering, nowhere, no, jnp.asarray(-1), periods, no)
+    end = jax.lax.while_loop(lambda search: search.stage != DONE, onward, search)
+    return end.lowest, end.found, end.vanished
+
+
+def _where(condition: Bool[Array, ""], yes: Any, no: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+
+
+def _bogie_alone(model: Model, bogie: int) -> Float[np.ndarray, "states"]:
+    """1 for the states of the car body and of one bogie with its wheelsets, 0 for the other bogies'."""
+    names = labels(model.vehicle)
+    axles = wheelset_shape(model.vehicle)[1]
+
+    def own(name: str) -> bool:
+        part, _, index = name.partition("[")
+        if part.startswith("carbody"):
+            return True
+        return int(index[:-1]) // (axles if part.startswith("wheelset") else 1) == bogie
+
+    mask = np.array([float(own(name)) for name in names])
+    return np.concatenate([mask, mask, np.ones(state_size(model.vehicle, model.damper) - 2 * len(mask))])
 
 
 def entry_amplitude(vehicle: Vehicle) -> Scalar:

@@ -7,16 +7,16 @@ cycle that keeps this symmetry is its own mirror image half a period later, and 
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Int
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .dampers import Damper
 from .deflections import layout, size
-from .integrate import rk4
+from .integrate import Inputs, rk4
 from .motion import motion, state_rate, state_size, wheelset_shape
 from .typing import Scalar
 from .vehicle import Vehicle
@@ -147,14 +147,14 @@ def unpack(model: Model, shooting: Shooting, unknowns: Float[Array, "unknowns"])
 
 def flow(model: Model, orbit: Orbit, duration: Scalar, steps: int) -> tuple[State, Float[Array, "steps states"]]:
     """The state after `duration` of straight running on even track, and the states at the start of every step."""
-    alignment = jnp.zeros(wheelset_shape(model.vehicle), orbit.state.dtype)
+    even = Inputs(jnp.zeros(wheelset_shape(model.vehicle), orbit.state.dtype), None)
     slowness = 1.0 / orbit.speed
 
-    def rate(_: Any, x: State) -> State:
-        return state_rate(model.vehicle, motion(model.vehicle, model.damper, slowness, alignment, x))
+    def rate(now: Inputs, x: State) -> State:
+        return state_rate(model.vehicle, motion(model.vehicle, model.damper, slowness, now.alignment, x))
 
     def step(x: State, _: None) -> tuple[State, State]:
-        return rk4(rate, x, rate(None, x), duration / steps, None, None), x
+        return rk4(rate, x, rate(even, x), duration / steps, even, even), x
 
     return jax.lax.scan(step, orbit.state, length=steps)
 
@@ -247,7 +247,7 @@ def plane(model: Model, shooting: Shooting, vector: Float[Array, "unknowns"]) ->
     return jnp.stack([vector[amplitude_index(model.vehicle, shooting.wheelset)], vector[-1]])
 
 
-def row_of(model: Model, shooting: Shooting, direction: ArrayLike) -> Float[Array, "unknowns"]:
+def row_of(model: Model, shooting: Shooting, direction: tuple[float, float]) -> Float[Array, "unknowns"]:
     """The row with which `closed` picks an orbit by amplitude and speed: row · unknowns = direction · plane(unknowns)."""
     unknowns = state_size(model.vehicle, model.damper) + 1
     row = jnp.zeros(unknowns).at[amplitude_index(model.vehicle, shooting.wheelset)].set(direction[0])
@@ -279,14 +279,18 @@ class Floquet(NamedTuple):
     @property
     def stable(self) -> bool:
         """Whether nearby motions come back to the orbit."""
-        return self.largest < 1.0
+        return self.largest < 1.0 - 1e-9  # neither at a fold nor at the Hopf point
 
 
-def floquet(shooting: Shooting, monodromy: Float[np.ndarray, "states states"]) -> Floquet:
-    """Multipliers from the monodromy matrix; those of a symmetric orbit are the squares of the half period's."""
-    half = np.linalg.eigvals(np.asarray(monodromy))
+def floquet(shooting: Shooting, half: Complex[np.ndarray, "states"]) -> Floquet:
+    """Multipliers from the eigenvalues of the monodromy matrix, of which a symmetric orbit has that of half a period."""
     trivial = int(np.argmin(np.abs(half - 1.0)))
     rest = np.delete(half, trivial)
     half = np.concatenate([half[trivial : trivial + 1], rest[np.argsort(-np.abs(rest), kind="stable")]])
     multipliers = half**2 if shooting.symmetric else half
     return Floquet(multipliers, float(abs(multipliers[0] - 1.0)), half)
+
+
+def multipliers_of(shooting: Shooting, monodromy: Float[np.ndarray, "states states"]) -> Floquet:
+    """Multipliers from the monodromy matrix."""
+    return floquet(shooting, np.linalg.eigvals(monodromy).astype(complex))

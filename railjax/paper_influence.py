@@ -8,13 +8,13 @@ import numpy as np
 
 from .critical import Hunting, nonlinear_critical, nonlinear_critical_speed
 from .linear import linear_critical, linear_critical_speed
-from .paper_passive import AMPLITUDE, ASSUMED_TRACK, PAPER_LINEAR, WAVELENGTH, periodic_run
+from .paper_hunting import PAPER_LINEAR, PAPER_NONLINEAR
+from .paper_passive import AMPLITUDE, ASSUMED_TRACK, WAVELENGTH, periodic_run
 from .plots import figure, legend_above, mark_paper, tornado
 from .study import Context, Outcome, Picture, Statement, study
 from .units import KMH
 from .vehicle import Vehicle, get_parameter, parameters, replace, set_parameter
 
-PAPER_NONLINEAR = 234.2  # km/h
 #: points of a curve; a fold takes some hundred times as long as a crossing of eigenvalues
 LINEAR_POINTS, NONLINEAR_POINTS = 64, 24
 
