@@ -149,7 +149,7 @@ def critical_speed(
         *([loaded.note] if loaded.note else []),
         *[f"calibrated, not predicted: {entry}" for entry in fitted],
     ]
-    show(content, lines, as_json)
+    _show(content, lines, as_json)
 
 
 def _nonlinear(vehicle: Any) -> tuple[dict[str, Any], list[str]]:
