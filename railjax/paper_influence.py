@@ -10,7 +10,7 @@ from .critical import Hunting, nonlinear_critical, nonlinear_critical_speed
 from .linear import linear_critical, linear_critical_speed
 from .paper_hunting import PAPER_LINEAR, PAPER_NONLINEAR
 from .paper_passive import AMPLITUDE, ASSUMED_TRACK, WAVELENGTH, periodic_run
-from .plots import figure, legend_above, mark_paper, tornado
+from .plots import COLOURS, figure, legend_above, mark_paper, tornado
 from .study import Context, Outcome, Picture, Statement, study
 from .units import KMH
 from .vehicle import Vehicle, get_parameter, parameters, replace, set_parameter
@@ -88,17 +88,17 @@ def suspension_influence(context: Context) -> Outcome:
         with figure() as (page, axes):
             for k, (path, name, _) in enumerate(curves):
                 linear, nonlinear = (np.where(np.isfinite(v), v, np.nan) for v in (crossing[path], fold[path]))
-                axes[0, 0].plot(fine[path] * factor, linear, "--", color=f"C{k}", label=f"{name}, linear")
-                axes[0, 0].plot(coarse[path] * factor, nonlinear, "-", color=f"C{k}", label=f"{name}, nonlinear")
+                axes[0, 0].plot(fine[path] * factor, linear, "--", color=COLOURS[k], label=f"{name}, linear")
+                axes[0, 0].plot(coarse[path] * factor, nonlinear, "-", color=COLOURS[k], label=f"{name}, nonlinear")
                 here = float(get_parameter(context.coach, path)) * factor
-                axes[0, 0].plot([here] * 2, [float(own.linear.speed) * KMH, float(own.speed) * KMH], "o", color=f"C{k}")
+                axes[0, 0].plot([here] * 2, [float(own.linear.speed) * KMH, float(own.speed) * KMH], "o", color=COLOURS[k])
                 change[path] = [(np.nanmin(v), np.nanmax(v)) for v in (linear, nonlinear)]
             mark_paper(axes[0, 0], PAPER_LINEAR, f"paper, Table 1: {PAPER_LINEAR} and {PAPER_NONLINEAR} km/h")
             mark_paper(axes[0, 0], PAPER_NONLINEAR, "_")
             axes[0, 0].set(xlabel=label, ylabel="critical speed, km/h")
             if slug == "fig-7":
                 axes[0, 0].set_xscale("log")
-            legend_above(axes[0, 0], 3)
+            legend_above(axes[0, 0], 2)
         met = np.concatenate([codes[path] for path, *_ in curves])
         missed = int(np.sum((met != Hunting.OK) & (met != Hunting.SUPERCRITICAL)))
         gaps = f" {missed} of {len(met)} folds could not be followed: gaps." if missed else ""
