@@ -60,3 +60,36 @@ def test_grid_with_gradient(benchmark: Any, note: Callable, coach: railjax.Vehic
     assert np.all(np.isfinite(speeds))
     assert difference < AGREEMENT
     assert error < 1e-4
+
+
+NONLINEAR_LIMIT = 60.0  # s for all variants, on two cores
+
+
+def test_grid_of_nonlinear_critical_speeds(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> None:
+    scale = np.geomspace(0.5, 2.0, SIDE)
+    k_ox, k_oy = (grid.ravel() for grid in np.meshgrid(coach.primary.stiffness_x * scale, coach.primary.stiffness_y * scale))
+    variants = railjax.replace(coach, primary__stiffness_x=jnp.asarray(k_ox), primary__stiffness_y=jnp.asarray(k_oy))
+
+    start = time.perf_counter()
+    first = jax.block_until_ready(railjax.nonlinear_critical(variants))
+    with_compilation = time.perf_counter() - start
+    found = benchmark.pedantic(lambda: jax.block_until_ready(railjax.nonlinear_critical(variants)), rounds=1)
+    taken = benchmark.stats.stats.median
+
+    # a lane of the batch is the vehicle alone
+    middle = SIDE * SIDE // 2 + SIDE // 2
+    alone = railjax.replace(coach, primary__stiffness_x=float(k_ox[middle]), primary__stiffness_y=float(k_oy[middle]))
+    difference = abs(float(found.speed[middle] / railjax.nonlinear_critical(alone).speed) - 1.0)
+    folds = int(np.sum(np.asarray(found.code) == railjax.Hunting.OK))
+    note(
+        variants=len(k_ox),
+        with_compilation_s=with_compilation,
+        per_variant_s=taken / len(k_ox),
+        total_s=taken,
+        folds=folds,
+        difference_to_single=difference,
+    )
+    assert np.array_equal(np.asarray(first.speed), np.asarray(found.speed), equal_nan=True)
+    assert difference < AGREEMENT
+    assert folds >= 0.95 * len(k_ox)
+    assert taken < NONLINEAR_LIMIT

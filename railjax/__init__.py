@@ -9,8 +9,9 @@
 Importing it changes no JAX configuration and starts no backend.
 """
 
+from .calibrate import Calibration, calibrate
 from .channels import CHANNELS
-from .critical import Hunting, nonlinear_critical, nonlinear_critical_speed
+from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
 from .dampers import PassiveDamper
 from .errors import InputError, NumericalError
 from .hunting import Branch, LimitCycle, hunting_branch
@@ -35,11 +36,13 @@ __all__ = [
     "Branch",
     "BumpStop",
     "BumpTrack",
+    "Calibration",
     "Hunting",
     "InputError",
     "LateralDamper",
     "LimitCycle",
     "Modes",
+    "NonlinearCritical",
     "NumericalError",
     "PassiveDamper",
     "Ramp",
@@ -53,6 +56,7 @@ __all__ = [
     "Vehicle",
     "YawDamper",
     "alignment",
+    "calibrate",
     "contact_ellipse",
     "creep_coefficients",
     "first_lyapunov_coefficient",

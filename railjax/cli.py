@@ -116,10 +116,14 @@ def modes(
 
 
 @app.command("critical-speed")
-def critical_speed(vehicle: VehicleName, as_json: AsJson = False) -> None:
-    """Linear critical speed: where straight running loses stability.
+def critical_speed(
+    vehicle: VehicleName,
+    nonlinear: Annotated[bool, typer.Option("--nonlinear", help="Also the fold of the limit cycles.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Linear critical speed, where straight running loses stability; nonlinear, below which nothing makes the vehicle hunt.
 
-    Example: railjax critical-speed coach --json
+    Example: railjax critical-speed coach --nonlinear --json
     """
     from .linear import linear_critical_speed
     from .modes import modes as compute
@@ -129,20 +133,48 @@ def critical_speed(vehicle: VehicleName, as_json: AsJson = False) -> None:
     speed = float(linear_critical_speed(loaded))
     critical = compute(loaded, speed)
     fitted = [f"{p.parameter}: {p.note}" for p in loaded.provenance if p.status == "calibrated"]
+    found, described = _nonlinear(loaded) if nonlinear else ({}, [])
     content = {
         "vehicle": loaded.name,
         "linear_kmh": speed * KMH,
         "frequency_hz": float(critical.frequency[0]),
         "mode": critical.names[0],
+        **found,
         "calibrated": fitted,
         "note": loaded.note,
     }
     lines = [
         f"{loaded.name}: linear critical speed {speed * KMH:.2f} km/h, {critical.frequency[0]:.3f} Hz, {critical.names[0]}",
+        *described,
         *([loaded.note] if loaded.note else []),
         *[f"calibrated, not predicted: {entry}" for entry in fitted],
     ]
     _show(content, lines, as_json)
+
+
+def _nonlinear(vehicle: Any) -> tuple[dict[str, Any], list[str]]:
+    """Keys and lines of the nonlinear critical speed; without a fold it is the linear one, and amplitude and frequency null."""
+    from .critical import Hunting, default_wheelset, nonlinear_critical, refuse
+    from .units import KMH
+
+    found = nonlinear_critical(vehicle)
+    refuse(found.code)
+    folded = int(found.code) == Hunting.OK
+    content = {
+        "nonlinear_kmh": float(found.speed) * KMH,
+        "fold_amplitude_mm": float(found.amplitude) * 1e3 if folded else None,
+        "fold_frequency_hz": float(found.frequency) if folded else None,
+        "criticality": "subcritical" if folded else "supercritical",
+    }
+    if not folded:
+        return content, [
+            "no fold: limit cycles leave the linear critical speed upwards (supercritical), so it is the nonlinear one"
+        ]
+    place = f"wheelset {default_wheelset(vehicle, None) + 1} from the front"
+    return content, [
+        f"nonlinear critical speed {content['nonlinear_kmh']:.2f} km/h: fold of the limit cycles at "
+        f"{content['fold_amplitude_mm']:.3f} mm ({place}), {content['fold_frequency_hz']:.3f} Hz"
+    ]
 
 
 @app.command()

@@ -104,15 +104,20 @@ def nonlinear_critical_speed(
     """
     found = nonlinear_critical(vehicle, damper=damper, wheelset=wheelset, steps=steps)
     if not isinstance(found.code, jax.core.Tracer) and found.code.ndim == 0:
-        reason = {
-            Hunting.STABLE: "straight running is stable at all speeds tried, so no branch of limit cycles leaves it",
-            Hunting.UNSTABLE: "straight running is unstable at all speeds tried",
-            Hunting.FAILED: "the branch of limit cycles could not be followed to a fold; draw it with hunting_branch",
-            Hunting.STEP_TOO_LARGE: "RK4 does not hold that few steps in half a period; give more steps",
-        }.get(Hunting(int(found.code)))
-        if reason:
-            raise NumericalError(f"no nonlinear critical speed: {reason}")
+        refuse(found.code)
     return found.speed
+
+
+def refuse(code: Int[Array, ""]) -> None:
+    """Raise `NumericalError` where there is no nonlinear critical speed."""
+    reason = {
+        Hunting.STABLE: "straight running is stable at all speeds tried, so no branch of limit cycles leaves it",
+        Hunting.UNSTABLE: "straight running is unstable at all speeds tried",
+        Hunting.FAILED: "the branch of limit cycles could not be followed to a fold; draw it with hunting_branch",
+        Hunting.STEP_TOO_LARGE: "RK4 does not hold that few steps in half a period; give more steps",
+    }.get(Hunting(int(code)))
+    if reason:
+        raise NumericalError(f"no nonlinear critical speed: {reason}")
 
 
 def nonlinear_critical(
@@ -136,7 +141,7 @@ def nonlinear_critical(
     if steps is None:
         steps = _enough_steps(trees, axes, lanes, linear)
     shooting = Shooting(steps, default_wheelset(vehicle, wheelset))
-    fold = _fold(trees, linear, shooting, lanes)
+    fold = search_fold(trees, linear, shooting, lanes)
     rates = _fastest(trees, fold.speed, lanes)
     return _judged(linear, fold, 0.5 / fold.frequency / shooting.steps * rates <= STABLE_RADIUS)
 
@@ -182,17 +187,21 @@ def _fastest(trees: tuple, speed: Float[Array, "..."], lanes: int | None) -> Flo
 
 
 class Fold(NamedTuple):
-    """The fold of a branch: speed (m/s), amplitude (m), frequency (Hz); found, or the branch fell into the Hopf point."""
+    """The fold of a branch: speed (m/s), amplitude (m), frequency (Hz); found, or the branch fell into the Hopf point; the
+    orbit itself."""
 
     speed: Float[Array, "..."]
     amplitude: Float[Array, "..."]
     frequency: Float[Array, "..."]
     found: Bool[Array, "..."]
     vanished: Bool[Array, "..."]
+    point: Point
 
 
 @functools.partial(jax.jit, static_argnums=(2, 3))
-def _fold(trees: tuple, linear: LinearCritical, shooting: Shooting, lanes: int | None) -> Fold:
+def search_fold(trees: tuple, linear: LinearCritical, shooting: Shooting, lanes: int | None) -> Fold:
+    """The fold of (vehicle, damper), the vehicle `rounded` and without labels; nothing is judged yet."""
+
     def single(given: tuple) -> Fold:
         trees, linear = given
         model = Model(*trees)
@@ -201,7 +210,7 @@ def _fold(trees: tuple, linear: LinearCritical, shooting: Shooting, lanes: int |
         hopf = jax.lax.stop_gradient(jnp.where(linear.code == Stability.OK, linear.speed, 50.0))
         point, found, vanished = _lowest_fold(fixed, shooting, hopf)
         frequency = 1.0 / (point.unknowns[-2] * PERIOD)
-        return Fold(implicit_speed(model, shooting, point), point.amplitude, frequency, found, vanished)
+        return Fold(implicit_speed(model, shooting, point), point.amplitude, frequency, found, vanished, point)
 
     axes = (own_axes(trees[0]), own_axes(trees[1])), jax.tree.map(lambda _: 0, linear)
     return single((trees, linear)) if lanes is None else one_by_one(single, (trees, linear), axes)

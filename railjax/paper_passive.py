@@ -1,4 +1,4 @@
-"""Sections 2 and 3 of the paper with the passive suspension: figs. 2-4, the linear critical speed, figs. 7-10."""
+"""Section 2 of the paper with the passive suspension: the linear critical speed, figs. 2-4, the assumed wavelength."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +10,7 @@ from .simulate import Simulation, simulate
 from .study import Context, Outcome, Picture, Quantity, Statement, study
 from .track import SinusoidTrack
 from .units import KMH
-from .vehicle import Vehicle, get_parameter, replace, set_parameter
+from .vehicle import Vehicle
 
 #: m; not in the paper. 20 m lies in the band of 3 to 25 m by which alignment is judged (EN 13848, D1)
 WAVELENGTH = 20.0
@@ -78,7 +78,8 @@ def critical_speed(context: Context) -> Outcome:
     return Outcome(quantities, pictures=[picture], assumptions=assumptions)
 
 
-def _periodic_run(vehicle: Vehicle, **options) -> Simulation:
+def periodic_run(vehicle: Vehicle, **options) -> Simulation:
+    """180 km/h over the assumed sinusoidal track: 20 s, of which the first 10 are left out of reductions."""
     track = SinusoidTrack(AMPLITUDE, WAVELENGTH)
     return simulate(vehicle, TEST_SPEED, track=track, duration=20.0, settle=10.0, **options)
 
@@ -102,7 +103,7 @@ def periodic_response(context: Context) -> Outcome:
         "roll": ({"carbody_phi": "car body", "bogie_phi": "bogie"}, 1e3, "mrad", "fig-4"),
     }
     channels = [channel for names, *_ in motions.values() for channel in names]
-    run = _periodic_run(context.coach, record=channels, reduce=[f"rms:{channel}" for channel in channels], sample=0.01)
+    run = periodic_run(context.coach, record=channels, reduce=[f"rms:{channel}" for channel in channels], sample=0.01)
     pictures = []
     for title, (names, scale, unit, slug) in motions.items():
         with figure() as (page, axes):
@@ -184,164 +185,3 @@ def _sensitivity_run(vehicle: Vehicle, speed: float, amplitude: float, wavelengt
     track = SinusoidTrack(amplitude, jnp.asarray(wavelengths))
     reduce = ("rms:carbody_acceleration", "rms:wheelset_y")
     return simulate(vehicle, speed, track=track, duration=30.0, settle=15.0, record=(), sample=0.1, reduce=reduce)
-
-
-def influence(vehicle: Vehicle, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Linear critical speed in km/h over values (SI) of each parameter alone: one batch for all; inf where there is none."""
-    lanes = sum(len(own) for own in values.values())
-    start = 0
-    for path, own in values.items():
-        column = np.full(lanes, float(get_parameter(vehicle, path)))
-        column[start : start + len(own)] = own
-        vehicle = set_parameter(vehicle, path, jnp.asarray(column))
-        start += len(own)
-    speeds = np.asarray(linear_critical(vehicle).speed) * KMH
-    return dict(zip(values, np.split(speeds, np.cumsum([len(own) for own in values.values()])[:-1]), strict=True))
-
-
-#: slug, title, and per curve: parameter, label, values (SI), factor to the unit shown
-INFLUENCES = (
-    (
-        "fig-7",
-        "Fig. 7: primary suspension stiffness",
-        "stiffness of primary suspension, MN/m",
-        (
-            ("primary.stiffness_x", "$k_{ox}$ longitudinal", np.geomspace(0.25e6, 20e6, 64)),
-            ("primary.stiffness_y", "$k_{oy}$ lateral", np.geomspace(0.25e6, 20e6, 64)),
-        ),
-        1e-6,
-    ),
-    (
-        "fig-8",
-        "Fig. 8: primary suspension damping",
-        "damping of primary suspension, kN s/m",
-        (
-            ("primary.damping_x", r"$\rho_{ox}$ longitudinal", np.linspace(0.0, 100e3, 64)),
-            ("primary.damping_y", r"$\rho_{oy}$ lateral", np.linspace(0.0, 100e3, 64)),
-        ),
-        1e-3,
-    ),
-    (
-        "fig-9",
-        "Fig. 9: secondary suspension stiffness",
-        "lateral stiffness of secondary suspension, kN/m",
-        (("secondary.stiffness_y", "$k_{cy}$ lateral", np.linspace(20e3, 800e3, 64)),),
-        1e-3,
-    ),
-)
-
-
-@study("figs-7-9", "Figs. 7-9: influence of the suspension on the critical speed")
-def suspension_influence(context: Context) -> Outcome:
-    """Linear critical speed over k_ox and k_oy, rho_ox and rho_oy, k_cy."""
-    pictures, change = [], {}
-    speeds_of = influence(context.coach, {path: values for *_, curves, _ in INFLUENCES for path, _, values in curves})
-    at_own = float(linear_critical_speed(context.coach)) * KMH
-    for slug, title, label, curves, factor in INFLUENCES:
-        with figure() as (page, axes):
-            for k, (path, name, values) in enumerate(curves):
-                speeds = speeds_of[path]
-                shown = np.where(np.isfinite(speeds), speeds, np.nan)
-                axes[0, 0].plot(values * factor, shown, color=f"C{k}", label=f"{name} (railjax)")
-                own = float(get_parameter(context.coach, path))
-                axes[0, 0].plot(own * factor, at_own, "o", color=f"C{k}")
-                change[path] = (np.nanmin(shown), np.nanmax(shown))
-            mark_paper(axes[0, 0], PAPER_LINEAR, f"paper: {PAPER_LINEAR} km/h with Table 1")
-            axes[0, 0].set(xlabel=label, ylabel="linear critical speed, km/h")
-            if slug == "fig-7":
-                axes[0, 0].set_xscale("log")
-            axes[0, 0].legend(loc="best")
-        pictures.append(
-            Picture(
-                slug,
-                f"{title} and the linear critical speed",
-                "Each parameter alone is varied, the others stay at the calibrated coach's values (dots: its own value). "
-                "The level at the dots is fitted, slopes and shapes are predicted. A gap means no crossing between 11 and 540 km/h.",
-                f"{title}: linear critical speed in km/h over {label}.",
-                page,
-            )
-        )
-    ranges = {path: f"{low:.0f} to {high:.0f} km/h" for path, (low, high) in change.items()}
-
-    def strong(path: str) -> bool:
-        """Read as: over the whole range it moves the critical speed by more than a tenth."""
-        low, high = change[path]
-        return bool(high - low > 0.1 * PAPER_LINEAR)
-
-    statements = [
-        Statement(
-            "The critical speed is strongly influenced by k_ox.",
-            "section 2, fig. 7",
-            strong("primary.stiffness_x"),
-            f"0.25 to 20 MN/m: {ranges['primary.stiffness_x']} (k_oy: {ranges['primary.stiffness_y']})",
-        ),
-        Statement(
-            "The critical speed is strongly influenced by rho_oy.",
-            "section 2, fig. 8",
-            strong("primary.damping_y"),
-            f"0 to 100 kN s/m: {ranges['primary.damping_y']}; it is the longitudinal damper rho_ox that moves it: "
-            f"{ranges['primary.damping_x']}",
-        ),
-        Statement(
-            "The critical speed is strongly influenced by the secondary lateral stiffness k_cy.",
-            "section 2, fig. 9",
-            strong("secondary.stiffness_y"),
-            f"20 to 800 kN/m: {ranges['secondary.stiffness_y']}, rising, but by a twentieth for a fortyfold change",
-        ),
-    ]
-    assumptions = [
-        "'Strongly influenced' is read as: over the range shown the linear critical speed changes by more than a tenth.",
-        "rho_ox and rho_oy of the coach itself: zero (Table 1 does not list them, although fig. 8 varies rho_oy).",
-    ]
-    return Outcome(statements=statements, pictures=pictures, assumptions=assumptions)
-
-
-@study("fig-10", "Fig. 10: lateral acceleration of the car body for several dampers")
-def damper_and_acceleration(context: Context) -> Outcome:
-    """Time histories for three values of rho_cy and the r.m.s. over rho_cy, at 180 km/h on the periodic track."""
-    shown = np.array([1.0, 2.0, 4.0])
-    own = float(context.coach.secondary.damping_y)
-    scale = np.concatenate([shown, np.geomspace(0.1, 10.0, 61)])
-    damping = own * scale
-    vehicle = replace(context.coach, secondary__damping_y=jnp.asarray(damping))
-    run = _periodic_run(vehicle, record=["carbody_acceleration"], reduce=["rms:carbody_acceleration"], sample=0.01)
-    acceleration, rms = np.asarray(run["carbody_acceleration"]), np.asarray(run["rms:carbody_acceleration"])
-    time = np.asarray(run.time)
-    last = time >= time[-1] - 2.0
-    with figure(rows=2, height=2.7) as (page, axes):
-        for k in range(len(shown)):
-            axes[0, 0].plot(time[last], acceleration[last, k], label=rf"$\rho_{{cy}}$ = {1e-3 * damping[k]:g} kN s/m")
-        axes[0, 0].set(xlabel="time, s", ylabel="car body acceleration,\nm/s²", xlim=(time[last][0], time[-1]))
-        legend_above(axes[0, 0])
-        axes[1, 0].semilogx(1e-3 * damping[3:], rms[3:], color="C3")
-        axes[1, 0].plot(1e-3 * damping[:3], rms[:3], "o", color="C3")
-        axes[1, 0].axvline(1e-3 * own, label="Table 1: 25 kN s/m", color="0.35", linestyle=":")
-        axes[1, 0].set(
-            xlabel=r"secondary lateral damping $\rho_{cy}$ per side, kN s/m",
-            ylabel="r.m.s. of acceleration,\nm/s²",
-            ylim=(0, None),
-        )
-        axes[1, 0].legend()
-    best = 1e-3 * damping[3:][np.argmin(rms[3:])]
-    numbers = ", ".join(f"{1e-3 * d:g} kN s/m: {r:.3f} m/s²" for d, r in zip(damping[:3], rms[:3], strict=True))
-    return Outcome(
-        statements=[
-            Statement(
-                "More rigid dampers in the central suspension are worse for comfort.",
-                "section 2, fig. 10",
-                bool(np.all(np.diff(rms[:3]) > 0)),
-                f"r.m.s. at 180 km/h: {numbers}; least at {best:.3g} kN s/m",
-            )
-        ],
-        pictures=[
-            Picture(
-                "fig-10",
-                "Fig. 10: lateral acceleration of the car body for several dampers",
-                f"180 km/h, {1e3 * AMPLITUDE:g} mm and {WAVELENGTH:g} m (assumed). The paper does not say which values it compares; here once, twice and "
-                "four times Table 1's, and the r.m.s. over a hundredfold range. Predicted.",
-                "Above: acceleration over 2 s for three damper values. Below: r.m.s. acceleration over damping.",
-                page,
-            )
-        ],
-        assumptions=[ASSUMED_TRACK],
-    )

@@ -99,6 +99,19 @@ def locus(axes: "Axes", result: "RootLocus", limit: float = 0.6) -> None:
     legend_above(axes, 2)
 
 
+def tornado(axes: "Axes", labels: list[str], changes: dict[str, np.ndarray], unit: str) -> None:
+    """Horizontal bars about zero, one row per label, the first on top; the kinds of `changes` side by side in a row."""
+    rows, height = np.arange(len(labels)), 0.8 / len(changes)
+    for k, (kind, values) in enumerate(changes.items()):
+        axes.barh(rows + (k - 0.5 * (len(changes) - 1)) * height, values, height, label=kind, color=COLOURS[k])
+    axes.axvline(0.0, color="0.2", linewidth=0.8)
+    axes.set_yticks(rows, labels)
+    axes.set(xlabel=unit, ylim=(len(labels) - 0.4, -0.6))
+    axes.grid(visible=False, axis="y")
+    # the smallest bars are at the bottom
+    axes.legend(loc="lower right")
+
+
 def bifurcation(axes: "Axes", branch: "Branch", ramp: "Ramp | None" = None) -> None:
     """Amplitude over speed: stable limit cycles solid, unstable ones dashed, straight running on the axis, jumps as arrows."""
     from .units import KMH

@@ -81,6 +81,27 @@ def test_critical_speed(run):
     assert text.count("calibrated, not predicted") == 4
 
 
+def test_nonlinear_critical_speed(run, tmp_path):
+    code, out, error = run("critical-speed", "single-wheelset", "--nonlinear", "--json")
+    assert (code, error) == (0, "")
+    content = one_json_object(out)
+    assert content["nonlinear_kmh"] == pytest.approx(117.906, abs=1e-3)
+    assert content["nonlinear_kmh"] < content["linear_kmh"]
+    assert content["fold_amplitude_mm"] == pytest.approx(8.282, abs=2e-3)
+    assert content["fold_frequency_hz"] == pytest.approx(content["frequency_hz"], rel=1e-2)
+    assert (
+        "fold of the limit cycles at 8.282 mm (wheelset 1 from the front)"
+        in run("critical-speed", "single-wheelset", "--nonlinear")[1]
+    )
+    tight = tmp_path / "tight.toml"
+    tight.write_text('base = "single-wheelset"\n[contact]\nflange_clearance_mm = 1\n')
+    content = one_json_object(run("critical-speed", tight, "--nonlinear", "--json")[1])
+    assert content["criticality"] == "supercritical"
+    assert content["nonlinear_kmh"] == pytest.approx(content["linear_kmh"], rel=1e-9)
+    assert content["fold_amplitude_mm"] is None
+    assert "supercritical" in run("critical-speed", tight, "--nonlinear")[1]
+
+
 def test_critical_speed_of_the_literal_table_says_why_it_is_low(run):
     content = one_json_object(run("critical-speed", "coach-table1", "--json")[1])
     assert content["linear_kmh"] == pytest.approx(65.2, abs=0.1)

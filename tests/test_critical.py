@@ -1,0 +1,204 @@
+"""Nonlinear critical speed: numbers, derivatives, batches, codes. Orbits themselves: tests/test_hunting.py."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import TypeCheckError
+
+import railjax
+from railjax import Hunting
+
+CHECKED = [path for path, _ in railjax.parameters() if path.startswith(("primary.", "secondary."))] + [
+    "contact.friction",
+    "contact.conicity",
+    "contact.flange_stiffness",
+    "contact.flange_clearance",
+    "contact.wheel_load",
+    "bogie.yaw_inertia",
+    "wheelset.mass",
+    "geometry.half_wheelbase",
+]
+
+
+@functools.cache
+def load(name):
+    return railjax.load_vehicle(name)
+
+
+def kmh(speed):
+    return float(speed) * 3.6
+
+
+@pytest.mark.parametrize(
+    ("name", "linear", "fold", "amplitude", "frequency"),
+    [
+        ("coach", 245.600, 234.200, 9.000, 5.155),
+        ("cooperrider-bogie", 247.120, 239.989, 9.354, 3.800),
+        ("single-wheelset", 117.9212, 117.9060, 8.282, 2.837),
+    ],
+)
+def test_folds_of_packaged_vehicles(name, linear, fold, amplitude, frequency):
+    """The coach's are the calibration's targets; the others are regressions, narrow against linear minus fold."""
+    found = railjax.nonlinear_critical(load(name))
+    assert Hunting(int(found.code)) == Hunting.OK
+    assert kmh(found.linear.speed) == pytest.approx(linear, abs=1e-3)
+    assert kmh(found.speed) == pytest.approx(fold, abs=1e-3)
+    assert float(found.amplitude) * 1e3 == pytest.approx(amplitude, abs=2e-3)
+    assert float(found.frequency) == pytest.approx(frequency, abs=2e-3)
+    assert kmh(found.speed) < kmh(found.linear.speed) - 0.01
+    # the fold of a hunting branch lies where the flange begins to act
+    assert abs(float(found.amplitude) / float(load(name).contact.flange_clearance) - 1.0) < 0.1
+
+
+def test_above_the_fold_a_large_disturbance_hunts_and_below_it_dies():
+    """By simulation, which knows nothing of folds; Cooperrider's bogie, whose branch is wide."""
+    bogie = load("cooperrider-bogie")
+    fold = float(railjax.nonlinear_critical_speed(bogie))
+    bump = railjax.BumpTrack(9.5e-3, 8.0)
+    speeds = jnp.array([0.985, 1.015]) * fold
+    run = railjax.simulate(bogie, speeds, track=bump, duration=60.0, record=["wheelset_y"], sample=0.01)
+    late = np.abs(np.asarray(run["wheelset_y"])[-500:]).max(axis=(0, 1))
+    assert late[0] < 1e-4
+    assert late[1] > 8e-3
+
+
+def moved(path, value):
+    return railjax.nonlinear_critical(railjax.set_parameter(load("coach"), path, value)).speed
+
+
+@functools.cache
+def gradients():
+    """In reverse mode for all parameters, in forward mode for some."""
+    coach = load("coach")
+    reverse = jax.grad(railjax.nonlinear_critical_speed)(coach)
+
+    def of_some(values):
+        vehicle = coach
+        for path, value in zip(CHECKED, values, strict=True):
+            vehicle = railjax.set_parameter(vehicle, path, value)
+        return railjax.nonlinear_critical_speed(vehicle)
+
+    forward = jax.jacfwd(of_some)([float(railjax.get_parameter(coach, path)) for path in CHECKED])
+    return {path: (float(railjax.get_parameter(reverse, path)), float(one)) for path, one in zip(CHECKED, forward, strict=True)}
+
+
+@functools.cache
+def differences():
+    """By central differences with Richardson's extrapolation, two sizes; one batch for all."""
+    coach = load("coach")
+    # parameters that are zero in the coach get usual sizes
+    zero = {"secondary.anti_roll_stiffness": 1e4}
+    vehicle, steps = coach, {}
+    for row, path in enumerate(CHECKED):
+        value = float(railjax.get_parameter(coach, path))
+        steps[path] = np.array([2e-4, 1e-3]) * (value or zero.get(path, 2e4))
+        moved = np.zeros((len(CHECKED), 2, 4))
+        moved[row] = np.outer(steps[path], [1.0, -1.0, 2.0, -2.0])
+        vehicle = railjax.set_parameter(vehicle, path, jnp.asarray(value + moved.ravel()))
+    speeds = np.asarray(railjax.nonlinear_critical(vehicle).speed).reshape(len(CHECKED), 2, 4)
+    result = {}
+    for path, near in zip(CHECKED, speeds, strict=True):
+        once, twice = (near[:, 0] - near[:, 1]) / (2 * steps[path]), (near[:, 2] - near[:, 3]) / (4 * steps[path])
+        result[path] = (4 * once - twice) / 3
+    return result
+
+
+@pytest.mark.parametrize("path", CHECKED)
+def test_gradient_against_central_differences(path):
+    reverse, forward = gradients()[path]
+    assert np.isfinite(reverse)
+    assert np.min(np.abs(differences()[path] / reverse - 1.0)) < 1e-4
+    assert forward == pytest.approx(reverse, rel=1e-8)
+
+
+def test_twice_the_steps_give_the_same_fold():
+    for name in ("coach", "single-wheelset"):
+        once, twice = (kmh(railjax.nonlinear_critical_speed(load(name), steps=steps)) for steps in (200, 400))
+        assert abs(once - twice) < 1e-4
+
+
+def test_a_batch_equals_single_calls_and_marks_the_lane_that_fails():
+    bogie = load("cooperrider-bogie")
+    scale_x, scale_y = np.array([0.8, 0.9, 1.0, 1.1] * 2), np.repeat([0.9, 1.2], 4)
+    mass = np.full(8, float(bogie.wheelset.mass))
+    mass[5] = np.nan
+    variants = railjax.replace(
+        bogie,
+        primary__stiffness_x=bogie.primary.stiffness_x * jnp.asarray(scale_x),
+        primary__stiffness_y=bogie.primary.stiffness_y * jnp.asarray(scale_y),
+        wheelset__mass=jnp.asarray(mass),
+    )
+    found = railjax.nonlinear_critical(variants, steps=200)
+    codes = [Hunting(int(code)) for code in found.code]
+    assert codes == [Hunting.FAILED if k == 5 else Hunting.OK for k in range(8)]
+    assert np.isnan(float(found.speed[5]))
+    assert np.isnan(float(found.amplitude[5]))
+    for k in (0, 3, 6):
+        alone = railjax.replace(
+            bogie,
+            primary__stiffness_x=float(bogie.primary.stiffness_x * scale_x[k]),
+            primary__stiffness_y=float(bogie.primary.stiffness_y * scale_y[k]),
+        )
+        single = railjax.nonlinear_critical(alone, steps=200)
+        assert float(found.speed[k]) == pytest.approx(float(single.speed), rel=1e-8)
+        assert float(found.amplitude[k]) == pytest.approx(float(single.amplitude), rel=1e-4)
+
+
+def test_supercritical_gives_the_linear_critical_speed():
+    """A small clearance, whose flange stops the motion before creep saturates: just above the Hopf point the motion is small."""
+    tight = railjax.replace(load("single-wheelset"), contact__flange_clearance=1e-3)
+    found = railjax.nonlinear_critical(tight)
+    assert Hunting(int(found.code)) == Hunting.SUPERCRITICAL
+    assert float(found.speed) == float(found.linear.speed)
+    assert float(found.amplitude) == 0.0
+    assert float(railjax.nonlinear_critical_speed(tight)) == float(found.linear.speed)
+
+
+def test_no_nonlinear_critical_speed_is_said():
+    wheelset = load("single-wheelset")
+    stable = railjax.replace(wheelset, contact__conicity=1e-4)
+    found = railjax.nonlinear_critical(stable)
+    assert Hunting(int(found.code)) == Hunting.STABLE
+    assert float(found.speed) == np.inf
+    with pytest.raises(railjax.NumericalError, match="stable at all speeds"):
+        railjax.nonlinear_critical_speed(stable)
+    with pytest.raises(railjax.NumericalError, match="more steps"):
+        railjax.nonlinear_critical_speed(wheelset, steps=13)
+    with pytest.raises(railjax.InputError, match="wheelset must lie between 0 and 0"):
+        railjax.nonlinear_critical(wheelset, wheelset=1)
+
+
+def test_jit_and_vmap():
+    wheelset = load("single-wheelset")
+
+    def speed(friction):
+        return railjax.nonlinear_critical_speed(railjax.replace(wheelset, contact__friction=friction), steps=200)
+
+    alone = float(railjax.nonlinear_critical_speed(wheelset, steps=200))
+    assert float(jax.jit(speed)(0.3)) == pytest.approx(alone, rel=1e-9)
+    many = jax.vmap(speed)(jnp.array([0.3, 0.1]))
+    assert many.shape == (2,)
+    assert float(many[0]) == pytest.approx(alone, rel=1e-9)
+    assert float(many[1]) < alone
+
+
+def test_smooth_twin_lies_near_the_sharp_law():
+    """Creep rounded at zero and the flange's corner within 0.1 mm: both soften the contact a little."""
+    smooth = railjax.replace(load("coach"), contact__law="smooth")
+    found = railjax.nonlinear_critical(smooth)
+    assert Hunting(int(found.code)) == Hunting.OK
+    assert kmh(found.speed) == pytest.approx(234.2, abs=1.0)
+    assert float(found.amplitude) * 1e3 == pytest.approx(9.0, abs=0.1)
+
+
+def test_single_precision_is_refused():
+    with jax.enable_x64(False), pytest.raises(railjax.InputError, match="double precision"):
+        railjax.nonlinear_critical(load("single-wheelset"))
+
+
+def test_annotations_are_checked():
+    with pytest.raises(TypeCheckError):
+        railjax.nonlinear_critical("coach")
