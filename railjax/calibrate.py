@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -71,7 +72,7 @@ class Calibration:
 
 def calibrate(
     vehicle: Vehicle,
-    fit: dict[str, tuple[str, ...]],
+    fit: dict[str, Any],
     to: dict[str, float],
     *,
     start: dict[str, float] | None = None,

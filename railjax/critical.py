@@ -142,8 +142,11 @@ def nonlinear_critical(
         steps = _enough_steps(trees, axes, lanes, linear)
     shooting = Shooting(steps, default_wheelset(vehicle, wheelset))
     fold = search_fold(trees, linear, shooting, lanes)
-    rates = _fastest(trees, fold.speed, lanes)
-    return _judged(linear, fold, 0.5 / fold.frequency / shooting.steps * rates <= STABLE_RADIUS)
+    # where no fold was found it is at the Hopf point that the step is judged
+    speed = jnp.where(fold.found, fold.speed, linear.speed)
+    frequency = jnp.where(fold.found, fold.frequency, linear.frequency)
+    rates = _fastest(trees, jax.lax.stop_gradient(speed), lanes)
+    return _judged(linear, fold, 0.5 / frequency / shooting.steps * rates <= STABLE_RADIUS)
 
 
 def default_wheelset(vehicle: Vehicle, wheelset: int | None) -> int:
@@ -220,7 +223,8 @@ def search_fold(trees: tuple, linear: LinearCritical, shooting: Shooting, lanes:
 def _judged(linear: LinearCritical, fold: Fold, holds: Bool[Array, "..."]) -> NonlinearCritical:
     """Result codes, and values only where there are any."""
     code = jnp.where(fold.vanished, int(Hunting.SUPERCRITICAL), int(Hunting.FAILED))
-    code = jnp.where(fold.found, jnp.where(holds, int(Hunting.OK), int(Hunting.STEP_TOO_LARGE)), code)
+    code = jnp.where(fold.found, int(Hunting.OK), code)
+    code = jnp.where(holds, code, int(Hunting.STEP_TOO_LARGE))
     for stability, result in (
         (Stability.STABLE, Hunting.STABLE),
         (Stability.UNSTABLE, Hunting.UNSTABLE),

@@ -166,7 +166,7 @@ def test_no_nonlinear_critical_speed_is_said():
     with pytest.raises(railjax.NumericalError, match="stable at all speeds"):
         railjax.nonlinear_critical_speed(stable)
     with pytest.raises(railjax.NumericalError, match="more steps"):
-        railjax.nonlinear_critical_speed(wheelset, steps=13)
+        railjax.nonlinear_critical_speed(wheelset, steps=12)
     with pytest.raises(railjax.InputError, match="wheelset must lie between 0 and 0"):
         railjax.nonlinear_critical(wheelset, wheelset=1)
 

@@ -31,7 +31,8 @@ def bogie_branch(bogie: railjax.Vehicle) -> Branch:
 
 def test_branch_of_the_coach_meets_the_reported_points(branch):
     assert abs(float(branch.hopf.speed) * KMH - 245.6) < 0.1
-    assert branch.criticality == "subcritical" and branch.slope_at_hopf < 0
+    assert branch.criticality == "subcritical"
+    assert branch.slope_at_hopf < 0
     assert abs(branch.fold.speed * KMH - 234.2) < 0.1
     assert abs(branch.fold.amplitude * 1e3 - 9.0) < 0.05
     assert branch.speed.max() * KMH >= 300.0
@@ -71,7 +72,8 @@ def turning_points(run, index: int) -> tuple[float, float]:
 @pytest.mark.parametrize("kmh", [236.0, 245.0, 255.0, 270.0, 290.0])
 def test_stable_limit_cycles_agree_with_long_simulations(coach, branch, kmh):
     cycle = branch.at(kmh / KMH)
-    assert cycle.stable and abs(cycle.speed - kmh / KMH) < 1e-9
+    assert cycle.stable
+    assert abs(cycle.speed - kmh / KMH) < 1e-9
     # from the orbit pushed off it by a twentieth, so that the simulation must find its own way back
     run = railjax.simulate(
         coach, kmh / KMH, duration=40.0, dt=5e-4, initial=1.05 * cycle.state, record=["wheelset_y"], sample=1e-3
@@ -125,7 +127,8 @@ def test_cooperrider_bogie_settles_on_the_computed_cycle_or_at_rest(bogie, bogie
 
 
 def test_a_single_bogie_has_one_connected_branch(bogie_branch):
-    assert len(bogie_branch.folds) == 1 and not bogie_branch.note
+    assert len(bogie_branch.folds) == 1
+    assert not bogie_branch.note
     assert bogie_branch.amplitude[1] < 0.03 * 9.1e-3  # down to the Hopf point
 
 
@@ -159,7 +162,9 @@ def test_monodromy_against_finite_differences(bogie, bogie_branch):
 
     @jax.jit
     def arrive(scaled):
-        return orbits.section(model, shooting, Orbit(scaled * scale, jnp.asarray(1.0 / cycle.frequency), jnp.asarray(cycle.speed)))
+        return orbits.section(
+            model, shooting, Orbit(scaled * scale, jnp.asarray(1.0 / cycle.frequency), jnp.asarray(cycle.speed))
+        )
 
     start, step = cycle.state / scale, 1e-6
     numeric = np.array([(arrive(start + step * e) - arrive(start - step * e)) / (2 * step) for e in np.eye(len(start))]).T
@@ -172,7 +177,8 @@ def test_lyapunov_coefficient_predicts_the_smooth_branch(bogie):
     # a narrow corner of the flange, which else gives a little stiffness at rest already
     smooth = railjax.replace(bogie, contact__law="smooth", contact__creep_width=0.3, contact__flange_width=1e-6)
     branch = railjax.hunting_branch(smooth, highest_speed=72.0)
-    assert branch.lyapunov > 0 and branch.criticality == "subcritical"
+    assert branch.lyapunov > 0
+    assert branch.criticality == "subcritical"
     modes = railjax.modes(smooth, float(branch.hopf.speed))
     shape = np.abs(modes.shapes[:, np.argmin(np.abs(modes.eigenvalues.real))])
     wheelset = shape[modes.coordinates.index("wheelset_y[0]")] / shape.max()
@@ -233,13 +239,16 @@ def test_diagram_and_dataset(branch, tmp_path):
     from railjax.plots import figure
 
     data = branch.to_xarray()
-    assert data.sizes["point"] == len(branch.points) and data["amplitude"].attrs["units"] == "m"
+    assert data.sizes["point"] == len(branch.points)
+    assert data["amplitude"].attrs["units"] == "m"
     with figure() as (page, axes):
         branch.plot(axes[0, 0])
         page.savefig(tmp_path / "diagram.png")
     dashed = [line for line in axes[0, 0].lines if line.get_linestyle() == "--"]
-    assert dashed and axes[0, 0].get_xlabel() == "speed, km/h"
-    assert "subcritical" in str(branch) and "234." in str(branch)
+    assert dashed
+    assert axes[0, 0].get_xlabel() == "speed, km/h"
+    assert "subcritical" in str(branch)
+    assert "234." in str(branch)
 
 
 def test_command_line(capsys, tmp_path):
@@ -248,7 +257,8 @@ def test_command_line(capsys, tmp_path):
     assert status(["hunting", "cooperrider-bogie", "--json", "--out", str(tmp_path / "points.csv")]) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["hopf_kmh"] == pytest.approx(68.66 * KMH, abs=0.2)
-    assert content["criticality"] == "subcritical" and content["fold_kmh"] < content["hopf_kmh"]
+    assert content["criticality"] == "subcritical"
+    assert content["fold_kmh"] < content["hopf_kmh"]
     assert set(content["branch"][0]) >= {"speed_kmh", "amplitude_mm", "frequency_hz", "stable", "largest_multiplier"}
     assert len((tmp_path / "points.csv").read_text().splitlines()) == len(content["branch"]) + 1
     assert status(["hunting", "coach", "--wheelset", "9"]) == 2
