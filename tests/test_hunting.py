@@ -231,7 +231,7 @@ def test_bad_requests_are_one_line(coach, branch):
     with pytest.raises(railjax.InputError, match="rising"):
         railjax.speed_ramp(coach, 70.0, 60.0)
     linear = railjax.replace(coach, primary__stiffness_x=0.0, primary__stiffness_y=0.0)
-    with pytest.raises(railjax.NumericalError, match="no linear critical speed|no limit cycle"):
+    with pytest.raises(railjax.NumericalError, match=r"no linear critical speed|no limit cycle"):
         railjax.hunting_branch(linear)
 
 
