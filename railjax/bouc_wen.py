@@ -20,7 +20,6 @@ from .typing import Number, Scalar
 from .vehicle import quantity, structure
 
 Values = Float[Array, "..."]
-Motion = Scalar | Values
 
 
 @jax.tree_util.register_dataclass
@@ -54,7 +53,7 @@ def leaves(parameters: BoucWen) -> list[dataclasses.Field]:
     return [f for f in dataclasses.fields(parameters) if not f.metadata.get("static")]
 
 
-def by_voltage(parameters: BoucWen, u: Motion) -> tuple[Values, Values, Values]:
+def by_voltage(parameters: BoucWen, u: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """α(u), c_0(u) and c_1(u), eqs. (15)-(17)."""
     p = parameters
     return (
@@ -64,32 +63,32 @@ def by_voltage(parameters: BoucWen, u: Motion) -> tuple[Values, Values, Values]:
     )
 
 
-def y_rate(parameters: BoucWen, x: Motion, velocity: Motion, y: Motion, z: Motion, u: Motion) -> Values:
+def y_rate(parameters: BoucWen, x: Scalar, velocity: Scalar, y: Scalar, z: Scalar, u: Scalar) -> Scalar:
     """y' of eq. (13), m/s."""
     alpha, c0, c1 = by_voltage(parameters, u)
     return (alpha * z + c0 * velocity + parameters.k0 * (x - y)) / (c0 + c1)
 
 
-def z_rate(parameters: BoucWen, relative: Motion, z: Motion) -> Values:
+def z_rate(parameters: BoucWen, relative: Scalar, z: Scalar) -> Scalar:
     """z' of eq. (14), m/s, for the relative velocity x' - y'. Derivatives are finite, also at z = 0."""
     p = parameters
-    odd = smooth.odd_power(jnp.asarray(z), p.n)  # |z|^(n-1) z; times the sign of z it is |z|^n
+    odd = smooth.odd_power(jnp.asarray(z, float), p.n)  # |z|^(n-1) z; times the sign of z it is |z|^n
     return relative * (p.A - p.beta * odd * jnp.sign(z)) - p.gamma * jnp.abs(relative) * odd
 
 
-def u_rate(parameters: BoucWen, u: Motion, command: Motion) -> Values:
+def u_rate(parameters: BoucWen, u: Scalar, command: Scalar) -> Scalar:
     """u' = -η (u - v): the driver's first-order lag behind its command v, V/s."""
     return parameters.eta * (command - u)
 
 
-def force(parameters: BoucWen, x: Motion, velocity: Motion, y: Motion, z: Motion, u: Motion) -> Values:
+def force(parameters: BoucWen, x: Scalar, velocity: Scalar, y: Scalar, z: Scalar, u: Scalar) -> Scalar:
     """F of eq. (12), N, positive along x' when it resists."""
     p = parameters
     _, _, c1 = by_voltage(p, u)
     return c1 * y_rate(p, x, velocity, y, z, u) + p.k1 * (x - p.x0)
 
 
-def lagged(parameters: BoucWen, u: Motion, command: Motion, dt: Scalar) -> Values:
+def lagged(parameters: BoucWen, u: Scalar, command: Scalar, dt: Scalar) -> Scalar:
     """The driver's voltage a time dt later, the command held: exact."""
     return command + (u - command) * jnp.exp(-parameters.eta * dt)
 
@@ -99,7 +98,7 @@ ITERATIONS = 3
 
 
 def step(
-    parameters: BoucWen, start: Motion, end: Motion, y: Motion, z: Motion, u: Motion, dt: Scalar, steps: int = 1
+    parameters: BoucWen, start: Scalar, end: Scalar, y: Scalar, z: Scalar, u: Scalar, dt: Scalar, steps: int = 1
 ) -> tuple[Values, Values]:
     """y and z a time dt later, while x goes evenly from `start` to `end` (m) at the voltage u; stable for every dt and x'.
 
@@ -113,14 +112,14 @@ def step(
     """
     if parameters.n != 2:
         raise InputError(f"the step is closed-form for n = 2 only, not {parameters.n:g}: integrate y_rate and z_rate")
-    start, y, z = (jnp.asarray(value, float) for value in (start, y, z))
+    start, end, y, z = (jnp.asarray(value, float) for value in (start, end, y, z))
     part, h = (end - start) / steps, dt / steps
     for index in range(steps):
         y, z = _one_step(parameters, start + index * part, part, y, z, u, h)
     return y, z
 
 
-def _one_step(p: BoucWen, start: Values, change: Values, y: Values, z: Values, u: Motion, dt: Scalar) -> tuple[Values, Values]:
+def _one_step(p: BoucWen, start: Values, change: Values, y: Values, z: Values, u: Scalar, dt: Scalar) -> tuple[Values, Values]:
     alpha, c0, c1 = by_voltage(p, u)
     half = 0.5 * dt * alpha
     linear = c0 + c1 + 0.5 * dt * p.k0
@@ -144,17 +143,18 @@ def _one_step(p: BoucWen, start: Values, change: Values, y: Values, z: Values, u
     return y + change - path, along_path(p, z, path)[0]
 
 
-def along_path(parameters: BoucWen, z: Values, path: Values) -> tuple[Values, Values]:
+def along_path(parameters: BoucWen, z: Scalar, path: Scalar) -> tuple[Values, Values]:
     """z after the path Δs = ∫(x' - y')dt travelled without turning, and dz/dΔs there: eq. (14) for n = 2 in closed form.
 
     Against the sign of z it unloads, dz/ds = A - (β - γ)z², with it loads, dz/ds = A - (β + γ)z²: Riccati equations, each
     solved by z(s) = (z_0 + A τ)/(1 + b z_0 τ), τ = tanh(κs)/κ, κ² = A b; κ may be imaginary (tan) or vanish.
     """
     p = parameters
+    z, path = jnp.asarray(z, float), jnp.asarray(path, float)
     direction = jnp.where(path < 0.0, -1.0, 1.0)
     length, along = direction * path, direction * z
     unloading, loading = p.beta - p.gamma, p.beta + p.gamma
-    to_zero = -along / p.A * smooth.artanhc(unloading / p.A * z**2)
+    to_zero = -along / p.A * smooth.artanhc(jnp.asarray(unloading / p.A * z**2))
     first = jnp.clip(to_zero, 0.0, length)
     after = _riccati(p.A, loading, _riccati(p.A, unloading, along, first), length - first)
     return direction * after, _slope(p, after)

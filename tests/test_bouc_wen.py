@@ -65,20 +65,20 @@ def error(found, expected):
 
 
 @pytest.mark.parametrize("voltage", [0.0, 2.25, 5.0])
-@pytest.mark.parametrize(("shape", "bound"), [((1.0, 1.0), 1.05e-3), ((0.5, 1.5), 1.5e-3), ((1.5, 0.5), 1.5e-3)])
-def test_steps_of_1_ms_follow_the_equations(voltage, shape, bound):
+@pytest.mark.parametrize("shape", [(1.0, 1.0), (0.5, 1.5), (1.5, 0.5)])
+def test_steps_of_1_ms_follow_the_equations(voltage, shape):
     """Published loop, and both signs of beta - gamma, where unloading is no straight line."""
     p = dataclasses.replace(PUBLISHED, gamma=shape[0] * PUBLISHED.gamma, beta=shape[1] * PUBLISHED.beta)
     time = np.arange(0.0, 1.2005, 1e-3)
-    assert error(jax.jit(stepped)(p, time, voltage), reference(p, time, voltage)) < bound
+    assert error(jax.jit(lambda p: stepped(p, time, voltage))(p), reference(p, time, voltage)) < (6e-4 if voltage < 5 else 1.5e-3)
 
 
 def test_steps_are_of_second_order_and_can_be_cut():
     voltage, fine = 1.0, np.arange(0.0, 0.8001, 0.25e-3)
     expected = reference(PUBLISHED, fine, voltage)
-    errors = [error(stepped(PUBLISHED, fine[::every], voltage), expected[::every]) for every in (1, 2, 4, 8, 16)]
-    order = np.log2(np.array(errors[1:]) / errors[:-1])
-    assert np.median(order) == pytest.approx(2.0, abs=0.4)
+    # at instants common to all: of 4 ms
+    errors = [error(stepped(PUBLISHED, fine[::every], voltage)[:: 16 // every], expected[::16]) for every in (2, 4, 8, 16)]
+    assert np.log2(errors[-1] / errors[0]) / 3 == pytest.approx(2.0, abs=0.3)
     # x goes evenly within a step, which costs little beside what is gained
     assert error(stepped(PUBLISHED, fine[::16], 5.0, 4), reference(PUBLISHED, fine, 5.0)[::16]) < 0.06
 
@@ -113,7 +113,7 @@ def test_along_path_solves_eq_14(shape):
     for z in (-5.5e-3, -1e-3, 0.0, 4e-3):
         for path in (-8e-5, -1e-7, 2e-5, 1.5e-4):
             found = solve_ivp(
-                lambda s, z: p.A - p.beta * z**2 - p.gamma * np.sign(path) * abs(z) * z,
+                lambda s, z, path=path: p.A - p.beta * z**2 - p.gamma * np.sign(path) * abs(z) * z,
                 (0, path),
                 [z],
                 rtol=1e-10,
@@ -141,7 +141,7 @@ def test_rates(n):
     for w in (0.03, -0.03):
         expected = -3.63e6 * abs(w) * abs(z) ** (n - 1) * z - 3.63e6 * w * abs(z) ** n + 301 * w
         assert float(bouc_wen.z_rate(p, w, z)) == pytest.approx(expected, rel=1e-12)
-        derivatives.check(lambda z, w=w: bouc_wen.z_rate(p, w, z), z, step=1e-7, rtol=1e-5)
+        derivatives.check(lambda z, w=w: bouc_wen.z_rate(p, w, z), z, step=1e-7, rtol=1e-5, atol=1e-6)
         assert np.isfinite(float(jax.grad(lambda z, w=w: bouc_wen.z_rate(p, w, z))(0.0)))
 
 
@@ -152,15 +152,21 @@ def test_the_driver_lags():
     assert float(bouc_wen.u_rate(PUBLISHED, u, command)) == pytest.approx(190 * 1.7)
 
 
-@pytest.mark.parametrize("key", [field.name for field in bouc_wen.leaves(PUBLISHED) if field.name != "eta"])
-def test_derivatives_of_a_run(key):
+def test_derivatives_of_a_run():
+    """Forward, reverse and central differences, by every parameter of the loop."""
     time = np.arange(0.0, 0.3005, 1e-3)
+    keys = [field.name for field in bouc_wen.leaves(PUBLISHED) if field.name != "eta"]
 
-    def mean_square(factor):
-        p = dataclasses.replace(PUBLISHED, **{key: factor * getattr(PUBLISHED, key)})
-        return jnp.mean(stepped(p, time, 1.3) ** 2) / 1e5
+    def mean_square(factors):
+        changed = {key: factors[index] * getattr(PUBLISHED, key) for index, key in enumerate(keys)}
+        return jnp.mean(stepped(dataclasses.replace(PUBLISHED, **changed), time, 1.3) ** 2)
 
-    derivatives.check(mean_square, 1.0, step=1e-6, rtol=1e-5, atol=1e-6)
+    here, h = jnp.ones(len(keys)), 1e-6
+    forward, reverse = jax.jit(jax.jacfwd(mean_square))(here), jax.jit(jax.jacrev(mean_square))(here)
+    ends = jax.jit(jax.vmap(mean_square))(jnp.concatenate([here + h * jnp.eye(len(keys)), here - h * jnp.eye(len(keys))]))
+    np.testing.assert_allclose(forward, reverse, rtol=1e-9)
+    np.testing.assert_allclose(forward, (ends[: len(keys)] - ends[len(keys) :]) / (2 * h), rtol=1e-5, atol=1e-2)
+    assert np.all(np.abs(forward) > 1.0)
 
 
 def test_derivatives_are_finite_at_rest():
@@ -168,7 +174,7 @@ def test_derivatives_are_finite_at_rest():
         return jnp.stack(bouc_wen.step(PUBLISHED, 0.0, x, y, z, 0.0, 1e-3))
 
     for jacobian in (jax.jacfwd, jax.jacrev):
-        for values in jacobian(after, (0, 1, 2))(0.0, 0.0, 0.0):
+        for values in jax.jit(jacobian(after, (0, 1, 2)))(0.0, 0.0, 0.0):
             assert np.all(np.isfinite(values))
 
 
@@ -177,8 +183,8 @@ def test_scaled_damper_is_alike():
     time = np.arange(0.0, 0.5005, 1e-3)
     changed = bouc_wen.scaled(PUBLISHED, force=5.0, displacement=2.0)
     x, y, z, v = 1e-3, 2e-4, -2e-3, 0.03
-    for law in (lambda p, d: bouc_wen.force(p, d * x, d * v, d * y, z, 1.0),):
-        assert float(law(changed, 2.0)) == pytest.approx(5.0 * float(law(PUBLISHED, 1.0)), rel=1e-12)
+    force = bouc_wen.force(changed, 2 * x, 2 * v, 2 * y, z, 1.0)
+    assert float(force) == pytest.approx(5.0 * float(bouc_wen.force(PUBLISHED, x, v, y, z, 1.0)), rel=1e-12)
     one = bouc_wen.step(PUBLISHED, 0.0, x, y, z, 1.0, time[1])
     other = bouc_wen.step(changed, 0.0, 2 * x, 2 * y, z, 1.0, time[1])
     assert float(other[0]) == pytest.approx(2 * float(one[0]), rel=1e-10)
@@ -200,10 +206,15 @@ def test_other_exponents_have_no_closed_step():
         bouc_wen.step(dataclasses.replace(PUBLISHED, n=1.5), 0.0, 1e-3, 0.0, 0.0, 0.0, 1e-3)
 
 
-@pytest.mark.parametrize("q", [-2.0, -0.5, -1e-3, -1e-5, 0.0, 1e-5, 1e-3, 0.4, 0.99])
-def test_even_functions_join_smoothly(q):
-    root = np.sqrt(complex(q)) if q else 1.0
-    assert float(smooth.tanhc(jnp.asarray(q))) == pytest.approx((np.tanh(root) / root).real if q else 1.0, rel=1e-12)
-    assert float(smooth.artanhc(jnp.asarray(q))) == pytest.approx((np.arctanh(root) / root).real if q else 1.0, rel=1e-12)
-    derivatives.check(smooth.tanhc, q, step=1e-6, rtol=1e-6)
-    derivatives.check(smooth.artanhc, q, step=1e-6, rtol=2e-6)
+def test_even_functions_join_smoothly():
+    """Across the bounds of the series, with their derivatives."""
+    q = np.array([-2.0, -0.5, -1e-3, -1e-5, 0.0, 1e-5, 1e-3, 0.4, 0.98])
+    for own, exact in ((smooth.tanhc, np.tanh), (smooth.artanhc, np.arctanh)):
+
+        def quotient(q, exact=exact):
+            root = np.sqrt(np.where(q == 0, 1.0, q).astype(complex))
+            return np.where(q == 0, 1.0, (exact(root) / root).real)
+
+        np.testing.assert_allclose(own(jnp.asarray(q)), quotient(q), rtol=1e-12)
+        slope = jax.vmap(jax.grad(own))(jnp.asarray(q))
+        np.testing.assert_allclose(slope, (quotient(q + 1e-5) - quotient(q - 1e-5)) / 2e-5, rtol=1e-4)
