@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from . import smooth
 from .errors import InputError
 from .typing import Number, Scalar
-from .vehicle import quantity, structure
+from .vehicle import optional, quantity, structure
 
 Values = Float[Array, "..."]
 
@@ -42,6 +42,9 @@ class BoucWen:
     beta: Number = quantity("1/m^2", "β", "shape of the loop", 3.63e6)
     A: Number = quantity("1", "A", "slope dz/dx at z = 0", 301.0, positive=True)
     eta: Number = quantity("1/s", "η", "rate at which the driver follows its command", 190.0, positive=True)
+    saturation: Number = optional(
+        "V", "u_s", "voltage at which the magnetic circuit saturates; without it eqs. (15)-(17) are linear"
+    )
     n: float = structure(2.0)  # smoothness of the loop
 
     def __str__(self) -> str:
@@ -49,18 +52,21 @@ class BoucWen:
 
 
 def leaves(parameters: BoucWen) -> list[dataclasses.Field]:
-    """The fields that are numbers, in order."""
-    return [f for f in dataclasses.fields(parameters) if not f.metadata.get("static")]
+    """The fields that are numbers, in order; without those that the damper does without."""
+    fields = [f for f in dataclasses.fields(parameters) if not f.metadata.get("static")]
+    return [f for f in fields if getattr(parameters, f.name) is not None]
+
+
+def effective(u: Scalar, saturation: Scalar | None) -> Scalar:
+    """The voltage that counts in eqs. (15)-(17): u itself, or u_s tanh(u/u_s), which the paper's "sigmoid function" allows."""
+    return u if saturation is None else saturation * jnp.tanh(u / saturation)
 
 
 def by_voltage(parameters: BoucWen, u: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """α(u), c_0(u) and c_1(u), eqs. (15)-(17)."""
     p = parameters
-    return (
-        p.alpha_a + p.alpha_b * u,
-        p.c0a + p.c0b * u,
-        p.c1a + p.c1b * u,
-    )
+    w = effective(u, p.saturation)
+    return p.alpha_a + p.alpha_b * w, p.c0a + p.c0b * w, p.c1a + p.c1b * w
 
 
 def y_rate(parameters: BoucWen, x: Scalar, velocity: Scalar, y: Scalar, z: Scalar, u: Scalar) -> Scalar:
@@ -169,6 +175,33 @@ def _riccati(a: Scalar, b: Scalar, z: Values, s: Values) -> Values:
     """z(s) of dz/ds = a - b z²."""
     tau = s * smooth.tanhc(a * b * s**2)
     return (z + a * tau) / (1.0 + b * z * tau)
+
+
+def response(
+    parameters: BoucWen,
+    x: Float[Array, "samples"],
+    velocity: Float[Array, "samples"],
+    command: Float[Array, "samples"],
+    dt: Scalar,
+) -> Float[Array, "samples *lanes"]:
+    """Force in N over a prescribed motion sampled every dt seconds, from y = z = u = 0; parameters may have lanes.
+
+    `x` in m and `velocity` in m/s are the motion, `command` the voltage that the driver is told, held over each sample. Within a
+    sample the damper is moved by the mean of the velocities at its ends, not by the difference of x: a measured x is the noisier.
+    """
+    p = parameters
+    lanes = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in jax.tree.leaves(p)))
+
+    def sample(state: Float[Array, "3 *lanes"], now: tuple) -> tuple[Float[Array, "3 *lanes"], Values]:
+        path, z, u = state
+        position, speed, mean, told = now
+        out = force(p, position, speed, position - path, z, u)
+        after, z = step(p, position, position + mean * dt, position - path, z, lagged(p, u, told, 0.5 * dt), dt)
+        path = position + mean * dt - after
+        return jnp.stack(jnp.broadcast_arrays(path, z, lagged(p, u, told, dt))), out
+
+    mean = jnp.append(0.5 * (velocity[1:] + velocity[:-1]), velocity[-1])
+    return jax.lax.scan(sample, jnp.zeros((3, *lanes)), (x, velocity, mean, command))[1]
 
 
 def scaled(parameters: BoucWen, force: Scalar = 1.0, displacement: Scalar = 1.0) -> BoucWen:
