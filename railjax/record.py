@@ -55,10 +55,17 @@ class Record:
         """Seconds from the first sample."""
         return np.arange(len(self)) * self.dt
 
+    def until(self, last: int) -> "Record":
+        """The samples before the `last`."""
+        return self._picked(slice(last), self.dt)
+
     def every(self, stride: int) -> "Record":
         """Every `stride`-th sample: coarser steps over the same motion."""
-        picked = (values[::stride] for values in (self.displacement, self.velocity, self.command, self.force))
-        return Record(*picked, self.dt * stride, self.name, self.notes)
+        return self._picked(slice(None, None, stride), self.dt * stride)
+
+    def _picked(self, samples: slice, dt: float) -> "Record":
+        columns = (self.displacement, self.velocity, self.command, self.force)
+        return Record(*(values[samples] for values in columns), dt, self.name, self.notes)
 
 
 def read_record(
