@@ -1,13 +1,15 @@
 """The command line `railjax`: exit status 0, 1 (numerical failure) or 2 (bad input, one line), never a traceback."""
 
-import json
-import math
 import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from .cli_common import AsJson
+from .cli_common import finite as _finite
+from .cli_common import show as _show
+from .cli_damper import damper_app
 from .errors import InputError, NumericalError
 
 app = typer.Typer(
@@ -15,11 +17,11 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+app.add_typer(damper_app, name="damper")
 
 VehicleName = Annotated[
     str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]
 
 
 def main() -> None:
@@ -60,20 +62,6 @@ def _load(name: str) -> Any:
     use_double_precision()
     use_all_cores()
     return load_vehicle(name)
-
-
-def _show(content: dict[str, Any], lines: list[str], as_json: bool) -> None:
-    from .report import without_nan
-
-    print(json.dumps(without_nan(content), allow_nan=False) if as_json else "\n".join(lines))
-
-
-def _finite(positive: bool = True, **options: float | None) -> None:
-    """Refuse options that are not finite (and positive); None is an option that was not given."""
-    for name, value in options.items():
-        if value is not None and not (math.isfinite(value) and (value > 0 or not positive)):
-            kind = "a positive, finite number" if positive else "a finite number"
-            raise InputError(f"--{name.replace('_', '-')} must be {kind}, not {value:g}")
 
 
 @app.command()
