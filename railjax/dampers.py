@@ -76,23 +76,15 @@ def check_damper(damper: Damper) -> None:
         key, value = f"damper.{field.name}", getattr(damper, field.name)
         if field.name == "law" and value not in ("sharp", "smooth"):
             raise InputError(f"{key} must be 'sharp' or 'smooth', not {value!r}")
-        if field.metadata.get("static") or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
-            continue
-        if dataclasses.is_dataclass(value):
-            check_damper(value)
-            continue
+        leaves = [] if field.metadata.get("static") else jax.tree.leaves(value)
         # NumPy, because under `jit` even constants become tracers of jax.numpy
-        for leaf in map(np.asarray, jax.tree.leaves(value)):
-            if not np.all(np.isfinite(leaf)):
+        for array in (np.asarray(leaf, float) for leaf in leaves if not isinstance(leaf, jax.core.Tracer)):
+            if not np.all(np.isfinite(array)):
                 raise InputError(f"{key} must be finite, not {value}")
-            if np.any(leaf < 0.0) and field.name not in SIGNED:
+            if np.any(array < 0.0) and np.ndim(value) < 2 and not dataclasses.is_dataclass(value):
                 raise InputError(f"{key} must not be negative, not {value}")
-            if np.any(leaf == 0.0) and field.name.endswith(("_lag", "_width", "series_stiffness")):
-                raise InputError(f"{key} must be positive, not 0")
-
-
-#: parameters of dampers that may be negative
-SIGNED = ("feedback", "initial_displacement")
+            if np.any(array == 0.0) and field.name.endswith(("_lag", "_width", "series_stiffness", "damping_beyond")):
+                raise InputError(f"{key} must be positive, not {value}")
 
 
 @jax.tree_util.register_dataclass
