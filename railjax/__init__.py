@@ -10,7 +10,7 @@ Importing it changes no JAX configuration and starts no backend.
 """
 
 from .channels import CHANNELS
-from .dampers import PassiveDamper
+from .dampers import MaxwellDamper, PassiveDamper
 from .errors import InputError, NumericalError
 from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
 from .kernels import jit
@@ -18,7 +18,9 @@ from .lanes import use_all_cores
 from .linear import Stability, linear_critical, linear_critical_speed
 from .modes import Modes, RootLocus, modes, root_locus
 from .motion import matrices, state_matrix, track_matrix
+from .mr_dampers import BoucWenDamper, HybridDamper
 from .precision import use_double_precision
+from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from .simulate import Result, Simulation, simulate
 from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
@@ -27,11 +29,18 @@ from .vehicle_files import load_vehicle, packaged_vehicles
 __version__ = "0.1.0"
 
 __all__ = [
+    "ADD",
     "CHANNELS",
+    "BalanceLogic",
+    "BoucWenDamper",
     "BumpStop",
     "BumpTrack",
+    "ClippedLQR",
+    "HybridDamper",
     "InputError",
     "LateralDamper",
+    "MaxwellDamper",
+    "MixedSkyhookADD",
     "Modes",
     "NumericalError",
     "PassiveDamper",
@@ -39,6 +48,7 @@ __all__ = [
     "RootLocus",
     "Simulation",
     "SinusoidTrack",
+    "Skyhook",
     "SpeedProfile",
     "Stability",
     "TangentTrack",

@@ -76,3 +76,20 @@ def beyond(law: str, x: Float[Array, "..."], half_width: Scalar, width: Scalar) 
     if law == "smooth":
         return smooth_dead_band(x, half_width, width)
     return dead_band(x, half_width)
+
+
+def smooth_sign(x: Float[Array, "..."], width: Scalar) -> Float[Array, "..."]:
+    """Twin of sgn x: x/√(x² + w²), which has the sign of x and is within w²/(2x²) of ±1."""
+    return x / jnp.sqrt(x**2 + width**2)
+
+
+def smooth_abs(x: Float[Array, "..."], width: Scalar) -> Float[Array, "..."]:
+    """Twin of |x|: x²/√(x² + w²), zero at zero and below |x| by less than 0.31 w."""
+    return x * smooth_sign(x, width)
+
+
+def agreement(law: str, one: Float[Array, "..."], other: Float[Array, "..."]) -> Float[Array, "..."]:
+    """1 where two numbers have the same sign, 0 where they have not or one is zero; of the smooth twin, "smooth", the numbers
+    are to be `smooth_sign`s and the result is (1 + product)/2, which goes from 0 to 1 within their widths."""
+    product = one * other
+    return 0.5 * (1.0 + product) if law == "smooth" else jnp.where(product > 0.0, 1.0, 0.0).astype(product.dtype)

@@ -1,0 +1,26 @@
+"""What the modules of the command line share."""
+
+import json
+import math
+from typing import Annotated, Any
+
+import typer
+
+from .errors import InputError
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]
+
+
+def show(content: dict[str, Any], lines: list[str], as_json: bool) -> None:
+    """Print the content as one JSON object, or the lines."""
+    from .report import without_nan
+
+    print(json.dumps(without_nan(content), allow_nan=False) if as_json else "\n".join(lines))
+
+
+def finite(positive: bool = True, **options: float | None) -> None:
+    """Refuse options that are not finite (and positive); None is an option that was not given."""
+    for name, value in options.items():
+        if value is not None and not (math.isfinite(value) and (value > 0 or not positive)):
+            kind = "a positive, finite number" if positive else "a finite number"
+            raise InputError(f"--{name.replace('_', '-')} must be {kind}, not {value:g}")

@@ -1,0 +1,91 @@
+"""`railjax damper ...`: verbs about the hybrid damper, each in a function of its own."""
+
+from typing import Annotated
+
+import typer
+
+from .cli_common import AsJson, finite, show
+
+damper_app = typer.Typer(help="The hybrid magnetorheological damper: its design, its model.", no_args_is_help=True)
+
+
+@damper_app.callback()
+def _damper() -> None:
+    """The hybrid magnetorheological damper."""
+
+
+@damper_app.command("design")
+def damper_design(
+    force_n: Annotated[float, typer.Option(help="Maximal force of the hydraulic damper in N.")] = 5000.0,
+    velocity_mm_per_s: Annotated[float, typer.Option(help="Velocity of that force in mm/s.")] = 100.0,
+    piston_diameter_mm: Annotated[float, typer.Option(help="Piston diameter of the hydraulic damper in mm.")] = 50.0,
+    rod_diameter_mm: Annotated[float, typer.Option(help="Its piston rod's diameter in mm.")] = 20.0,
+    minimum_drop_bar: Annotated[float, typer.Option(help="Pressure drop of the free circuit in bar.")] = 3.0,
+    pilot_diameter_mm: Annotated[float, typer.Option(help="Diameter of the pilot's piston in mm.")] = 12.0,
+    opening_width_mm: Annotated[float, typer.Option(help="Opening's leg across the pilot's piston in mm.")] = 6.0,
+    bore_mm: Annotated[float, typer.Option(help="Interior diameter of the MR device in mm.")] = 22.0,
+    device_rod_mm: Annotated[float, typer.Option(help="Diameter of its piston rod in mm.")] = 8.0,
+    device_velocity_mm_per_s: Annotated[float, typer.Option(help="Maximal velocity of its piston in mm/s.")] = 15.0,
+    gap_mm: Annotated[float, typer.Option(help="Gap of the device to analyse in mm.")] = 0.4,
+    pole_width_mm: Annotated[float, typer.Option(help="Pole width of the device to analyse in mm.")] = 2.0,
+    coil_diameter_mm: Annotated[float, typer.Option(help="Maximal diameter of the solenoid in mm.")] = 16.0,
+    coil_length_mm: Annotated[float, typer.Option(help="Length of the solenoid in mm.")] = 30.0,
+    wire_diameter_mm: Annotated[float, typer.Option(help="Diameter of the wire in mm.")] = 0.6,
+    current_a: Annotated[float, typer.Option(help="Maximal current in A.")] = 1.5,
+    field_ka_per_m: Annotated[float, typer.Option(help="Field in the gap to design for in kA/m.")] = 250.0,
+    yield_stress_kpa: Annotated[float, typer.Option(help="Yield stress of the MR fluid at that field in kPa.")] = 44.1,
+    viscosity_pa_s: Annotated[float, typer.Option(help="Viscosity of the MR fluid in Pa s.")] = 0.25,
+    iron_limit_t: Annotated[float, typer.Option(help="Flux density allowed in the iron in T (assumed).")] = 1.5,
+    as_json: AsJson = False,
+) -> None:
+    """Design of the hybrid damper: the pilot's hydraulics, the MR device given, and the MR device that meets the force best.
+
+    Every number of Tables 2-5 beside the paper's, as long as the inputs are the paper's.
+
+    Example: railjax damper design --force-n 6000
+    """
+    options = {name: value for name, value in locals().items() if name != "as_json"}
+    finite(**options)
+
+    from . import use_double_precision
+    from .damper_design import Requirements, design_hybrid
+    from .hydraulics import HydraulicDamper, Pilot
+    from .mr_device import MrDevice, MrFluid
+    from .paper_damper import ASSUMED, inputs, lines, quantities
+
+    use_double_precision()
+    damper = HydraulicDamper(piston_diameter_mm / 1e3, rod_diameter_mm / 1e3, force_n, velocity_mm_per_s / 1e3)
+    pilot = Pilot(pilot_diameter_mm / 1e3, opening_width_mm / 1e3, minimum_drop_bar * 1e5)
+    device = MrDevice(
+        bore=bore_mm / 1e3,
+        rod_diameter=device_rod_mm / 1e3,
+        gap=gap_mm / 1e3,
+        pole_width=pole_width_mm / 1e3,
+        coil_diameter=coil_diameter_mm / 1e3,
+        coil_length=coil_length_mm / 1e3,
+        wire_diameter=wire_diameter_mm / 1e3,
+    )
+    fluid = MrFluid(yield_stress_kpa * 1e3, field_ka_per_m * 1e3, viscosity_pa_s)
+    requirements = Requirements(velocity=device_velocity_mm_per_s / 1e3, current=current_a, iron_limit=iron_limit_t)
+    design = design_hybrid(damper, pilot, device, fluid, requirements=requirements)
+    given, computed = inputs(design), quantities(design)
+    content = {
+        "inputs": [q.to_json() for q in given],
+        "quantities": [q.to_json() for q in computed],
+        "design": {
+            "gap_mm": design.designed.device.gap * 1e3,
+            "pole_width_mm": design.designed.device.pole_width * 1e3,
+            "core_diameter_mm": design.designed.device.core_diameter * 1e3,
+            "layers": design.designed.layers,
+            "turns": design.designed.device.turns,
+            "force_n": float(design.designed.forces.total_force),
+            "dynamic_range": float(design.designed.forces.dynamic_range),
+            "fluid_volume_mm3": float(design.designed.forces.active_volume) * 1e9,
+        },
+        "assumed": ASSUMED,
+    }
+    same = all(q.paper == q.computed for q in given)
+    remark = [] if same else ["The inputs are not the paper's, so its results are left out."]
+    head = f"{'':54s} {'paper':>8s} {'railjax':>9s}"
+    text = [head, *lines(given, given=True), "", *lines(computed), "", *remark, *[f"assumed: {entry}" for entry in ASSUMED]]
+    show(content, text, as_json)
