@@ -9,9 +9,11 @@
 Importing it changes no JAX configuration and starts no backend.
 """
 
+from .bouc_wen import BoucWen
 from .channels import CHANNELS
 from .dampers import MaxwellDamper, PassiveDamper
 from .errors import InputError, NumericalError
+from .identify import Identification, identify_damper
 from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
 from .kernels import jit
 from .lanes import use_all_cores
@@ -20,6 +22,7 @@ from .modes import Modes, RootLocus, modes, root_locus
 from .motion import matrices, state_matrix, track_matrix
 from .mr_dampers import BoucWenDamper, HybridDamper
 from .precision import use_double_precision
+from .record import Record, read_record
 from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from .simulate import Result, Simulation, simulate
 from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
@@ -32,11 +35,13 @@ __all__ = [
     "ADD",
     "CHANNELS",
     "BalanceLogic",
+    "BoucWen",
     "BoucWenDamper",
     "BumpStop",
     "BumpTrack",
     "ClippedLQR",
     "HybridDamper",
+    "Identification",
     "InputError",
     "LateralDamper",
     "MaxwellDamper",
@@ -44,6 +49,7 @@ __all__ = [
     "Modes",
     "NumericalError",
     "PassiveDamper",
+    "Record",
     "Result",
     "RootLocus",
     "Simulation",
@@ -58,6 +64,7 @@ __all__ = [
     "contact_ellipse",
     "creep_coefficients",
     "get_parameter",
+    "identify_damper",
     "jit",
     "kalker_coefficients",
     "linear_critical",
@@ -67,6 +74,7 @@ __all__ = [
     "modes",
     "packaged_vehicles",
     "parameters",
+    "read_record",
     "replace",
     "root_locus",
     "set_parameter",

@@ -241,15 +241,3 @@ def response(
 
     mean = jnp.append(0.5 * (velocity[1:] + velocity[:-1]), velocity[-1])
     return jax.lax.scan(sample, jnp.zeros((3, *lanes)), (x, velocity, mean, command))[1]
-
-
-def scaled(parameters: BoucWen, force: Scalar = 1.0, displacement: Scalar = 1.0) -> BoucWen:
-    """The damper whose force at x(t) is `force` times that of `parameters` at x(t)/`displacement`; voltage and time alike.
-
-    Forces scale c, α and k; displacements stretch c, k, x_0 and the loop (A, β, γ), while z keeps its values.
-    """
-    p = parameters
-    by_both = {name: getattr(p, name) * force / displacement for name in ("c0a", "c0b", "c1a", "c1b", "k0", "k1")}
-    by_force = {name: getattr(p, name) * force for name in ("alpha_a", "alpha_b")}
-    by_displacement = {name: getattr(p, name) / displacement for name in ("A", "gamma", "beta")}
-    return dataclasses.replace(p, x0=p.x0 * displacement, **by_both, **by_force, **by_displacement)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 Unknowns = Float[Array, "unknowns"]
 Samples = Float[np.ndarray, "samples"]
 Method = Literal["levenberg-marquardt", "adam"]
+VoltageLaw = Literal["saturating", "linear"]
 
 #: what one unknown at its scale costs, beside a cost of 1 per sample of residuals as large as the force: it only keeps those
 #: that the record does not determine from running away
@@ -176,10 +177,10 @@ FITTED = "modified Bouc-Wen damper, fitted to this record ({}): fitted, not pred
 def identify_damper(
     record: Record,
     *,
-    voltage_law: Literal["saturating", "linear"] = "saturating",
+    voltage_law: VoltageLaw = "saturating",
     inertia: bool = True,
     method: Method = "levenberg-marquardt",
-    starts: int = 8,
+    starts: int = 4,
     iterations: int | None = None,
     fit_share: float = 0.7,
     settle: float = 1.0,

@@ -71,8 +71,8 @@ class Record:
 def read_record(
     path: str | Path,
     *,
-    columns: dict[str, str] | None = None,
-    units: dict[str, str] | None = None,
+    columns: dict[str, str | None] | None = None,
+    units: dict[str, str | None] | None = None,
     sample_rate: float | None = None,
 ) -> Record:
     """Read a record from a CSV file with a header.
