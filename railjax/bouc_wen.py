@@ -214,30 +214,3 @@ def scaled(parameters: BoucWen, force: Scalar = 1.0, displacement: Scalar = 1.0)
     by_both = {name: getattr(p, name) * force / displacement for name in keys}
     by_square = {name: getattr(p, name) / displacement**2 for name in ("gamma", "beta")}
     return dataclasses.replace(p, x0=p.x0 * displacement, **by_both, **by_square)
-
-
-def response(
-    parameters: BoucWen,
-    x: Float[Array, "samples"],
-    velocity: Float[Array, "samples"],
-    command: Float[Array, "samples"],
-    dt: Scalar,
-) -> Float[Array, "samples *lanes"]:
-    """Force in N over a prescribed motion sampled every dt seconds, from y = z = u = 0; parameters may have lanes.
-
-    `x` in m and `velocity` in m/s are the motion, `command` the voltage that the driver is told, held over each sample. Within a
-    sample the damper is moved by the mean of the velocities at its ends, not by the difference of x: a measured x is the noisier.
-    """
-    p = parameters
-    lanes = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in jax.tree.leaves(p)))
-
-    def sample(state: Float[Array, "3 *lanes"], now: tuple) -> tuple[Float[Array, "3 *lanes"], Values]:
-        path, z, u = state
-        position, speed, mean, told = now
-        out = force(p, position, speed, position - path, z, u)
-        after, z = step(p, position, position + mean * dt, position - path, z, lagged(p, u, told, 0.5 * dt), dt)
-        path = position + mean * dt - after
-        return jnp.stack(jnp.broadcast_arrays(path, z, lagged(p, u, told, dt))), out
-
-    mean = jnp.append(0.5 * (velocity[1:] + velocity[:-1]), velocity[-1])
-    return jax.lax.scan(sample, jnp.zeros((3, *lanes)), (x, velocity, mean, command))[1]

@@ -195,7 +195,7 @@ def identify_damper(
     unknown. `voltage_law`: eqs. (15)-(17), or the same of u_s tanh(u/u_s). `inertia`: of the rig's moving parts, between damper
     and load cell. With `evolution`, differential evolution gets as many simulations, for comparison.
 
-    c_0, c_1 and α are fitted by their values at rest and at the highest voltage, which stay positive; so do k_0, k_1, β + γ, η
+    c_0, c_1 and α are fitted by their values at rest and at the highest voltage, which stay positive; so do k_0, k_1, β, γ, η
     and u_s. Raises `InputError` for a record too short or options out of range, `NumericalError` where no start leads anywhere.
     """
     require_double_precision("identify_damper")
@@ -288,7 +288,7 @@ def unknown_names(choice: Choice) -> tuple[str, ...]:
 def decode(choice: Choice, scale: Scale, unknowns: Unknowns) -> tuple[BoucWen, Scalar]:
     """The damper and the rig's inertia (kg) of a vector of unknowns, which is zero at the scaled published damper.
 
-    Positive quantities are exponentials of their unknown. The offset force is k_1 x_0; inertia counts in c_0a times 1 ms.
+    Positive quantities are exponentials of their unknown, (β - γ)/(β + γ) is the tanh of its. The offset force is k_1 x_0; inertia counts in c_0a times 1 ms.
     """
     r, names = scale.reference, unknown_names(choice)
     q = dict(zip(names, unknowns, strict=True))
@@ -305,7 +305,7 @@ def decode(choice: Choice, scale: Scale, unknowns: Unknowns) -> tuple[BoucWen, S
         top = getattr(r, f"{base}a") + getattr(r, f"{base}b") * scale.top
         changes[f"{base}b"] = (grown(f"{own} at top", top) - rest) / width if choice.commanded else 0.0
     stiffness = grown("k1", r.k1)
-    loop, shape = grown("beta+gamma", r.beta + r.gamma), q["(beta-gamma)/(beta+gamma)"]
+    loop, shape = grown("beta+gamma", r.beta + r.gamma), jnp.tanh(q["(beta-gamma)/(beta+gamma)"])
     changes |= {"k0": grown("k0", r.k0), "k1": stiffness, "saturation": saturation}
     changes |= {"x0": r.k1 * r.x0 * (1.0 + q["offset force"]) / stiffness}
     changes |= {"beta": 0.5 * loop * (1.0 + shape), "gamma": 0.5 * loop * (1.0 - shape)}
