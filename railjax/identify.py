@@ -156,17 +156,18 @@ class Identification:
             )
         return "\n".join([*lines, *[f"note: {entry}" for entry in self.record.notes]])
 
-    def plot(self, axes: "Axes", residual: "Axes | None" = None, last: float = 1.5) -> None:
-        """Measured and fitted force over the last seconds of the record, and the whole residual where axes are given for it."""
+    def plot(self, axes: "Axes", residual: "Axes | None" = None, seconds: float = 1.0) -> None:
+        """Measured and fitted force over the first held-out seconds, and the whole residual where axes are given for it."""
         time, force = self.record.time, self.record.force
-        shown = time >= time[-1] - last
+        begin = time[self.fitted_samples.stop - 1]
+        shown = (time > begin) & (time <= begin + seconds)
         axes.plot(time[shown], 1e-3 * force[shown], color="0.35", label="measured")
         axes.plot(time[shown], 1e-3 * self.force[shown], "--", label=f"fitted damper, held-out error {self.heldout_error:.3f}")
-        axes.set(xlabel="time, s", ylabel="force, kN", xlim=(time[shown][0], time[-1]))
+        axes.set(xlabel="time, s", ylabel="force, kN", xlim=(time[shown][0], time[shown][-1]))
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
         if residual is not None:
             residual.plot(time, 1e-3 * (force - self.force), linewidth=0.5)
-            residual.axvline(time[self.fitted_samples.stop - 1], color="0.35", linestyle=":", label="held out from here")
+            residual.axvline(begin, color="0.35", linestyle=":", label="held out from here")
             residual.set(xlabel="time, s", ylabel="measured - fitted, kN", xlim=(0.0, time[-1]))
             residual.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 
