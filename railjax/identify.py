@@ -329,7 +329,7 @@ class Problem(NamedTuple):
 
 def _problem(record: Record, choice: Choice, first: int) -> Problem:
     weight = np.zeros(len(record))
-    weight[first:] = 1.0 / (np.std(record.force[first:]) * np.sqrt(len(record) - first))
+    weight[first:] = 1.0 / ((np.std(record.force[first:]) or 1.0) * np.sqrt(len(record) - first))
     rates = acceleration(record) if choice.inertia else np.zeros(len(record))
     columns = (record.displacement, record.velocity, record.command, record.force, rates)
     return Problem(*map(jnp.asarray, columns), record.dt, jnp.asarray(weight))
@@ -382,8 +382,15 @@ def _levenberg_marquardt(problem: Problem, choice: Choice, scale: Scale, starts:
     return jax.vmap(one)(starts)
 
 
+def compiled(choice: Choice) -> Callable[[Callable], Callable]:
+    """One kernel where XLA can: JAX 0.10.1 aborts in compiling a loop into one when it drops the driver's state as unused."""
+    return one_kernel if choice.commanded else lambda function: function
+
+
 def _with_jacobian(problem: Problem, choice: Choice, scale: Scale) -> Callable[[Unknowns], Array]:
     """`residuals` of the unknowns alone, whose Jacobian is one kernel (three times as fast) instead of a batch of tangents."""
+
+    kernel = compiled(choice)
 
     def plain(problem: Problem, scale: Scale, q: Unknowns) -> Array:
         return residuals(problem, choice, scale, q)
@@ -394,11 +401,11 @@ def _with_jacobian(problem: Problem, choice: Choice, scale: Scale) -> Callable[[
 
     @jax.custom_jvp
     def own(q: Unknowns) -> Array:
-        return one_kernel(plain)(problem, scale, q)
+        return kernel(plain)(problem, scale, q)
 
     @own.defjvp
     def own_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
-        jacobian, value = one_kernel(both)(problem, scale, *primals)
+        jacobian, value = kernel(both)(problem, scale, *primals)
         return value, jacobian @ tangents[0]
 
     return own
@@ -444,7 +451,7 @@ def _uncertainty(
         return jnp.stack(values + ([mass] if choice.inertia else []))
 
     own = functools.partial(residuals, problem, choice, scale)
-    jacobian = np.asarray(jax.jit(one_kernel(jax.jacfwd(own)))(unknowns))
+    jacobian = np.asarray(jax.jit(compiled(choice)(jax.jacfwd(own)))(unknowns))
     left = np.asarray(jax.jit(own)(unknowns))
     counted = np.flatnonzero(np.asarray(problem.weight))
     gradients = np.array(
@@ -512,4 +519,4 @@ def _population_cost(choice: Choice) -> Callable[..., Array]:
         values = jax.vmap(lambda q: jnp.sum(one(q) ** 2), in_axes=1)(population)
         return jnp.where(jnp.isfinite(values), values, 1e6)
 
-    return jax.jit(one_kernel(cost))
+    return jax.jit(compiled(choice)(cost))
