@@ -8,7 +8,7 @@ from jaxtyping import Float
 from . import bouc_wen
 from .bouc_wen import BoucWen
 from .mr_dampers import HybridDamper
-from .plots import figure, legend_above, mark_paper
+from .plots import figure, mark_paper
 from .study import Context, Outcome, Picture, Quantity, Statement, study
 
 PAPER_FORCE = 406.7  # N, Table 5
@@ -73,10 +73,10 @@ def characteristics(context: Context) -> Outcome:
             axes[0, 0].plot(1e3 * x, loop, label=f"{current:g} A")
             axes[0, 1].plot(1e3 * v, loop)
         mark_paper(axes[0, 0], PAPER_FORCE, f"paper: {PAPER_FORCE:g} N, 1.5 A")
-        mark_paper(axes[0, 1], PAPER_FORCE, "")
+        mark_paper(axes[0, 1], PAPER_FORCE, "_")
         axes[0, 0].set(xlabel="displacement, mm", ylabel="force of the MR device, N")
         axes[0, 1].set(xlabel="velocity, mm/s")
-        legend_above(axes[0, 0], 6)
+        page.legend(loc="outside upper left", ncols=6)
     device_picture = Picture(
         "figs-13-14",
         "Figs. 13 and 14: MR device",
@@ -129,10 +129,10 @@ def _hybrid() -> tuple[Picture, Float[np.ndarray, "currents"]]:
             axes[0, 0].plot(1e3 * x, 1e-3 * loop, label=f"{current:g} A")
             axes[0, 1].plot(1e3 * v, 1e-3 * loop)
         mark_paper(axes[0, 0], 5.0, "paper: 5 kN, 0.1 m/s")
-        mark_paper(axes[0, 1], 5.0, "")
+        mark_paper(axes[0, 1], 5.0, "_")
         axes[0, 0].set(xlabel="displacement, mm", ylabel="force of the hybrid damper, kN")
         axes[0, 1].set(xlabel="velocity, mm/s")
-        legend_above(axes[0, 0], 7)
+        page.legend(loc="outside upper left", ncols=7)
     picture = Picture(
         "hybrid-characteristic",
         "Hybrid damper piloted by the MR device",
