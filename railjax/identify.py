@@ -191,7 +191,7 @@ def identify_damper(
     """Fit a modified Bouc-Wen damper (n = 2) to the first `fit_share` of a record and score it on the rest.
 
     All `starts` are optimised in one batch on a record thinned to about 1 ms (the published parameters, scaled to the record's
-    force and velocity, and random ones around them), the best goes on with the full record. `iterations` of the batch: 30 of
+    force and velocity, and random ones around them), the best goes on with the full record by Levenberg-Marquardt. `iterations` of the batch: 30 of
     Levenberg-Marquardt by default, 300 of Adam. The first `settle` seconds are not scored, because the state at the start is
     unknown. `voltage_law`: eqs. (15)-(17), or the same of u_s tanh(u/u_s). `inertia`: of the rig's moving parts, between damper
     and load cell. With `evolution`, differential evolution gets as many simulations, for comparison.
@@ -224,12 +224,13 @@ def identify_damper(
     if not np.isfinite(errors.min()):
         raise NumericalError("no start of the identification led to a finite force; check the units of the record")
     fine = _problem(record.until(split), choice, first)
-    polished, _ = _minimise("levenberg-marquardt", fine, choice, scale, ends[None, np.argmin(errors)], POLISH)
-    best = polished[0]
+    best, polishing = ends[np.argmin(errors)], 0
+    if thin > 1:
+        best, polishing = _minimise("levenberg-marquardt", fine, choice, scale, best[None], POLISH)[0][0], POLISH
     seconds = time.perf_counter() - began
 
     # each iteration simulates the record and its tangents; a polishing one is `thin` times as long
-    simulations = (starts * iterations + POLISH * thin) * (count + 1)
+    simulations = (starts * iterations + polishing * thin) * (count + 1)
     names, standard, correlations = _uncertainty(fine, choice, scale, best)
     damper, mass = decode(choice, scale, best)
     force = as_measured(record, damper, mass)
@@ -383,7 +384,7 @@ def _levenberg_marquardt(problem: Problem, choice: Choice, scale: Scale, starts:
 
 
 def compiled(choice: Choice) -> Callable[[Callable], Callable]:
-    """One kernel where XLA can: JAX 0.10.1 aborts in compiling a loop into one when it drops the driver's state as unused."""
+    """One kernel where XLA can: JAX 0.10.1 aborts in compiling a loop into one when nothing depends on the command."""
     return one_kernel if choice.commanded else lambda function: function
 
 

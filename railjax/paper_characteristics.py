@@ -32,10 +32,11 @@ ASSUMED = [
     "Hybrid damper's characteristic: sinusoid of 10 mm and 0.1 m/s at constant current, proportional MR force, pilot without inertia.",
 ]
 
+Samples = Float[np.ndarray, "samples"]
 Loops = Float[np.ndarray, "currents samples"]
 
 
-def sinusoid(amplitude: float, velocity: float) -> tuple[Float[np.ndarray, "samples"], Float[np.ndarray, "samples"]]:
+def sinusoid(amplitude: float, velocity: float) -> tuple[Samples, Samples]:
     """Displacement (m) and velocity (m/s) over whole periods, sampled every `DT` or a little less."""
     rate = velocity / amplitude
     samples = int(np.ceil(2 * np.pi / rate / DT))
@@ -43,7 +44,7 @@ def sinusoid(amplitude: float, velocity: float) -> tuple[Float[np.ndarray, "samp
     return amplitude * np.sin(phase), velocity * np.cos(phase)
 
 
-def device_loops(parameters: BoucWen, currents: tuple[float, ...]) -> tuple[Float[np.ndarray, "samples"], ...]:
+def device_loops(parameters: BoucWen, currents: tuple[float, ...]) -> tuple[Samples, Samples, Loops]:
     """Displacement (m), velocity (m/s) and force (N, one row per current) of the MR device over the last period."""
     x, v = sinusoid(STROKE, VELOCITY)
     period = (len(x) - 1) // PERIODS

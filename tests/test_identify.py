@@ -105,13 +105,14 @@ def test_warns_of_what_the_record_leaves_open(found):
 
 
 def test_the_fitted_damper_goes_into_the_suspension(found, coach):
-    damper = railjax.BoucWenDamper(parameters=bouc_wen.scaled(found.parameters, force=3.0))
-    run = railjax.simulate(coach, 50.0, damper=damper, track=railjax.SinusoidTrack(5e-3, 20.0), duration=0.2)
-    assert np.all(np.isfinite(run["damper_force"])) if "damper_force" in run.channels else bool(run.ok)
+    damper = railjax.BoucWenDamper(parameters=found.parameters)
+    internal = jnp.zeros((damper.internal_states, 2))
+    force, rates = damper.force(coach, jnp.array([1e-3, 2e-3]), jnp.array([0.05, -0.05]), internal)
+    assert np.all(np.isfinite(force))
+    assert rates.shape == internal.shape
 
 
-@pytest.mark.parametrize("inertia", [True, False])
-@pytest.mark.parametrize("law", ["saturating", "linear"])
+@pytest.mark.parametrize(("law", "inertia"), [("saturating", True), ("linear", False)])
 def test_derivatives_of_the_residuals(record, law, inertia):
     """What Levenberg-Marquardt steps with, against central differences of the simulated record."""
     short = record.until(600)
@@ -141,18 +142,17 @@ def test_decode_starts_at_the_published_damper(record):
 
 
 def test_adam_leads_there_too(record):
-    found = railjax.identify_damper(
-        record.every(2), starts=1, method="adam", voltage_law="linear", inertia=False, iterations=60, fit_share=0.5
-    )
+    options = {"voltage_law": "linear", "inertia": False, "iterations": 60, "fit_share": 0.6, "settle": 0.3}
+    found = railjax.identify_damper(record.until(2500), starts=1, method="adam", **options)
     assert found.method == "adam"
     assert found.starts[0] < 0.6 * found.published_heldout_error
 
 
 def test_a_record_without_command(record):
     """Nothing that the voltage decides is fitted."""
-    steady = dataclasses.replace(record, command=np.zeros(len(record)))
+    steady = dataclasses.replace(record.until(2500), command=np.zeros(2500))
     force = identify.as_measured(steady, BoucWen(c0a=2500.0, alpha_a=2e4))
-    found = railjax.identify_damper(dataclasses.replace(steady, force=force).every(2), starts=1, inertia=False, iterations=15)
+    found = railjax.identify_damper(dataclasses.replace(steady, force=force), starts=1, inertia=False, iterations=10, settle=0.3)
     assert not set(found.names) & {"c0b", "c1b", "alpha_b", "eta", "saturation"}
     assert found.heldout_error < 0.05
     assert found.parameters.alpha_b == 0.0
