@@ -19,7 +19,6 @@ from jaxtyping import Array, Float
 from . import bouc_wen
 from .bouc_wen import BoucWen
 from .errors import InputError, NumericalError
-from .kernels import one_kernel
 from .precision import require_double_precision
 from .record import Record, acceleration
 from .typing import Number, Scalar
@@ -342,7 +341,7 @@ def simulated(problem: Problem, damper: BoucWen, mass: Scalar) -> Float[Array, "
     return force + mass * problem.acceleration
 
 
-_simulate_once = jax.jit(one_kernel(simulated))
+_simulate_once = jax.jit(simulated)
 
 
 def as_measured(record: Record, damper: BoucWen, inertia: Scalar = 0.0) -> Samples:
@@ -383,15 +382,11 @@ def _levenberg_marquardt(problem: Problem, choice: Choice, scale: Scale, starts:
     return jax.vmap(one)(starts)
 
 
-def compiled(choice: Choice) -> Callable[[Callable], Callable]:
-    """One kernel where XLA can: JAX 0.10.1 aborts in compiling a loop into one when nothing depends on the command."""
-    return one_kernel if choice.commanded else lambda function: function
-
-
 def _with_jacobian(problem: Problem, choice: Choice, scale: Scale) -> Callable[[Unknowns], Array]:
-    """`residuals` of the unknowns alone, whose Jacobian is one kernel (three times as fast) instead of a batch of tangents."""
+    """`residuals` of the unknowns alone, whose Jacobian is computed once, however often and by whatever tangents it is asked for.
 
-    kernel = compiled(choice)
+    Not as one kernel: with arrays of a record's length JAX 0.10.1 cannot compile one for several threads.
+    """
 
     def plain(problem: Problem, scale: Scale, q: Unknowns) -> Array:
         return residuals(problem, choice, scale, q)
@@ -402,11 +397,11 @@ def _with_jacobian(problem: Problem, choice: Choice, scale: Scale) -> Callable[[
 
     @jax.custom_jvp
     def own(q: Unknowns) -> Array:
-        return kernel(plain)(problem, scale, q)
+        return plain(problem, scale, q)
 
     @own.defjvp
     def own_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
-        jacobian, value = kernel(both)(problem, scale, *primals)
+        jacobian, value = both(problem, scale, *primals)
         return value, jacobian @ tangents[0]
 
     return own
@@ -452,7 +447,7 @@ def _uncertainty(
         return jnp.stack(values + ([mass] if choice.inertia else []))
 
     own = functools.partial(residuals, problem, choice, scale)
-    jacobian = np.asarray(jax.jit(compiled(choice)(jax.jacfwd(own)))(unknowns))
+    jacobian = np.asarray(jax.jit(jax.jacfwd(own))(unknowns))
     left = np.asarray(jax.jit(own)(unknowns))
     counted = np.flatnonzero(np.asarray(problem.weight))
     gradients = np.array(
@@ -520,4 +515,4 @@ def _population_cost(choice: Choice) -> Callable[..., Array]:
         values = jax.vmap(lambda q: jnp.sum(one(q) ** 2), in_axes=1)(population)
         return jnp.where(jnp.isfinite(values), values, 1e6)
 
-    return jax.jit(compiled(choice)(cost))
+    return jax.jit(cost)
