@@ -9,21 +9,26 @@
 Importing it changes no JAX configuration and starts no backend.
 """
 
+from .bouc_wen import BoucWen
 from .calibrate import Calibration, calibrate
 from .channels import CHANNELS
 from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
-from .dampers import PassiveDamper
+from .dampers import MaxwellDamper, PassiveDamper
 from .errors import InputError, NumericalError
 from .hunting import Branch, LimitCycle, hunting_branch
+from .identify import Identification, identify_damper
 from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
 from .kernels import jit
 from .lanes import use_all_cores
 from .linear import Stability, linear_critical, linear_critical_speed
 from .modes import Modes, RootLocus, modes, root_locus
 from .motion import matrices, state_matrix, track_matrix
+from .mr_dampers import BoucWenDamper, HybridDamper
 from .normal_form import first_lyapunov_coefficient
 from .precision import use_double_precision
 from .ramp import Ramp, speed_ramp
+from .record import Record, read_record
+from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from .simulate import Result, Simulation, simulate
 from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
@@ -32,24 +37,35 @@ from .vehicle_files import load_vehicle, packaged_vehicles
 __version__ = "0.1.0"
 
 __all__ = [
+    "ADD",
     "CHANNELS",
+    "BalanceLogic",
+    "BoucWen",
+    "BoucWenDamper",
     "Branch",
     "BumpStop",
     "BumpTrack",
     "Calibration",
+    "ClippedLQR",
     "Hunting",
+    "HybridDamper",
+    "Identification",
     "InputError",
     "LateralDamper",
     "LimitCycle",
+    "MaxwellDamper",
+    "MixedSkyhookADD",
     "Modes",
     "NonlinearCritical",
     "NumericalError",
     "PassiveDamper",
     "Ramp",
+    "Record",
     "Result",
     "RootLocus",
     "Simulation",
     "SinusoidTrack",
+    "Skyhook",
     "SpeedProfile",
     "Stability",
     "TangentTrack",
@@ -62,6 +78,7 @@ __all__ = [
     "first_lyapunov_coefficient",
     "get_parameter",
     "hunting_branch",
+    "identify_damper",
     "jit",
     "kalker_coefficients",
     "linear_critical",
@@ -73,6 +90,7 @@ __all__ = [
     "nonlinear_critical_speed",
     "packaged_vehicles",
     "parameters",
+    "read_record",
     "replace",
     "root_locus",
     "set_parameter",

@@ -1,10 +1,12 @@
 """`railjax damper ...`: verbs about the hybrid damper, each in a function of its own."""
 
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
 from .cli_common import AsJson, finite, show
+from .errors import InputError
 
 damper_app = typer.Typer(help="The hybrid magnetorheological damper: its design, its model.", no_args_is_help=True)
 
@@ -84,3 +86,89 @@ def damper_design(
     head = f"{'':54s} {'paper':>8s} {'railjax':>9s}"
     text = [head, *lines(given, given=True), "", *lines(computed), "", *remark, *[f"assumed: {entry}" for entry in ASSUMED]]
     show(content, text, as_json)
+
+
+Column = Annotated[str | None, typer.Option(help="Its column; else the header is searched.", show_default=False)]
+Unit = Annotated[str | None, typer.Option(help="Its unit; else as the header says, else SI.", show_default=False)]
+
+
+@damper_app.command("identify")
+def damper_identify(
+    file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="Test record: motion, command and force, with a header.")],
+    time: Column = None,
+    displacement: Column = None,
+    velocity: Column = None,
+    command: Column = None,
+    force: Column = None,
+    time_unit: Unit = None,
+    displacement_unit: Unit = None,
+    velocity_unit: Unit = None,
+    command_unit: Unit = None,
+    force_unit: Unit = None,
+    sample_rate: Annotated[float | None, typer.Option(help="Sampling rate in Hz, if there is no column of the time.")] = None,
+    voltage_law: Annotated[str, typer.Option(help="saturating or linear (the paper's eqs. 15-17).")] = "saturating",
+    inertia: Annotated[bool, typer.Option(help="Fit an inertia between damper and load cell.")] = True,
+    method: Annotated[str, typer.Option(help="levenberg-marquardt or adam.")] = "levenberg-marquardt",
+    starts: Annotated[int, typer.Option(help="Starts in one batch.")] = 4,
+    fit_share: Annotated[float, typer.Option(help="Share of the record that is fitted; the rest is held out.")] = 0.7,
+    settle_s: Annotated[float, typer.Option(help="Seconds at the start that are not scored.")] = 1.0,
+    evolution: Annotated[bool, typer.Option(help="Compare with differential evolution on the same budget.")] = True,
+    seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
+    out: Annotated[Path | None, typer.Option(help="Write fit and residual to this .png file.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Parameters of a modified Bouc-Wen damper from a test record, with standard errors, scored on a held-out part.
+
+    Example: railjax damper identify test.csv --displacement D --displacement-unit mm --command U --force F
+    """
+    for name, value, known in (
+        ("voltage-law", voltage_law, ("saturating", "linear")),
+        ("method", method, ("levenberg-marquardt", "adam")),
+    ):
+        if value not in known:
+            raise InputError(f"--{name} must be one of {', '.join(known)}, not {value!r}")
+    finite(sample_rate=sample_rate)
+    finite(positive=False, fit_share=fit_share, settle_s=settle_s)
+    if out is not None and out.suffix != ".png":
+        raise InputError(f"--out {out}: the name must end in .png")
+    if out is not None and not out.parent.is_dir():
+        raise InputError(f"--out {out}: cannot be written (there is no folder {out.parent})")
+
+    from . import use_double_precision
+    from .identify import identify_damper
+    from .record import read_record
+
+    use_double_precision()
+    columns = {"time": time, "displacement": displacement, "velocity": velocity, "command": command, "force": force}
+    units = {
+        "time": time_unit,
+        "displacement": displacement_unit,
+        "velocity": velocity_unit,
+        "command": command_unit,
+        "force": force_unit,
+    }
+    found = identify_damper(
+        read_record(file, columns=columns, units=units, sample_rate=sample_rate),
+        voltage_law=voltage_law,
+        inertia=inertia,
+        method=method,
+        starts=starts,
+        fit_share=fit_share,
+        settle=settle_s,
+        evolution=evolution,
+        seed=seed,
+    )
+    if out is not None:
+        _draw(found, out)
+    show(found.to_json(), [str(found)], as_json)
+
+
+def _draw(found: Any, out: Path) -> None:
+    from .plots import figure
+
+    with figure(rows=2, height=2.7) as (page, axes):
+        found.plot(axes[0, 0], residual=axes[1, 0])
+        try:
+            page.savefig(out)
+        except OSError as error:
+            raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None

@@ -1,4 +1,4 @@
-"""Lateral dampers of the secondary suspension: what takes the place of rho_cy in eq. (6).
+"""Lateral dampers of the secondary suspension: what takes the place of rho_cy in eq. (6); the passive ones.
 
 A damper is a pytree with two things, and needs no base class:
 
@@ -6,30 +6,85 @@ A damper is a pytree with two things, and needs no base class:
 * `force(vehicle, travel, velocity, internal)`: the law itself, a pure function. `travel` and `velocity` are Δy_c and Δy_c' of
   eqs. (7)-(8), at the damper's own heights where `vehicle.lateral_damper` gives them, shape (n, *lanes), `internal` is (states, n, *lanes). Returns the force of one bogie's dampers in N, positive
   along `velocity` when it resists, and the rate of the internal states.
+
+It may have more, where the law needs it:
+
+* `observes = True`: `force` takes a fifth argument, a `Seen`, for a controller that looks further than the damper's travel;
+* `held(vehicle, travel, velocity, internal, seen)`: the internal states as they go into the next step of a run. A sampled controller
+  decides here and keeps its decision, an internal state of rate zero, through the four stages of RK4: a decision made within
+  a stage would destroy the order. It is called at the start and after every step, and must not change what it gave itself;
+* `extremes(vehicle)`: laws, linear at rest, that bound the rates of its motion where its own linearisation at rest does not;
+* `even_states`: indices of the internal states that have no side (a valve's opening, not a force), for limit cycles.
 """
 
+import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
 
 import jax
+import numpy as np
 from jaxtyping import Array, Float
 
-from .elements import blow_off_force
+from .deflections import Groups
+from .elements import blow_off_force, yaw_damper_force
+from .errors import InputError
 from .typing import Number
-from .vehicle import Vehicle
+from .vehicle import Vehicle, YawDamper, structure
 
 Bogies = Float[Array, "..."]
+
+#: N s/m per damper. Table 2's damper (5 kN at 0.1 m/s) with its control valve shut, and open: 3 of 30.31 bar (section 4)
+HARD, SOFT = 50e3, 50e3 * 3.0 / 30.31
+
+
+class Seen(NamedTuple):
+    """What a controller may look at: all coordinates q and their rates q'."""
+
+    coordinates: Groups
+    rates: Groups
 
 
 @runtime_checkable
 class Damper(Protocol):
     """What `simulate` asks of a damper."""
 
-    internal_states: ClassVar[int]
+    internal_states: int
 
     def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
         """Force of one bogie's dampers, N, and the rate of their internal states."""
         ...
+
+
+def law_of(damper: Damper, seen: Seen) -> Callable[[Vehicle, Bogies, Bogies, Bogies], tuple[Bogies, Bogies]]:
+    """The damper's `force` at this instant, with what it observes."""
+    if getattr(damper, "observes", False):
+        return lambda *local: damper.force(*local, seen)
+    return damper.force
+
+
+def damper_extremes(vehicle: Vehicle, damper: Damper) -> list[Damper]:
+    """The damper and the laws that bound its rates away from rest."""
+    return [damper, *(damper.extremes(vehicle) if hasattr(damper, "extremes") else ())]
+
+
+def check_damper(damper: Damper) -> None:
+    """Refuse numbers that are not finite or have the wrong sign, where they are known, and a law that is not there."""
+    if not dataclasses.is_dataclass(damper):
+        return
+    for field in dataclasses.fields(damper):
+        key, value = f"damper.{field.name}", getattr(damper, field.name)
+        if field.name == "law" and value not in ("sharp", "smooth"):
+            raise InputError(f"{key} must be 'sharp' or 'smooth', not {value!r}")
+        leaves = [] if field.metadata.get("static") else jax.tree.leaves(value)
+        # NumPy, because under `jit` even constants become tracers of jax.numpy
+        for array in (np.asarray(leaf, float) for leaf in leaves if not isinstance(leaf, jax.core.Tracer)):
+            if not np.all(np.isfinite(array)):
+                raise InputError(f"{key} must be finite, not {value}")
+            if np.any(array < 0.0) and np.ndim(value) < 2 and not dataclasses.is_dataclass(value):
+                raise InputError(f"{key} must not be negative, not {value}")
+            if np.any(array == 0.0) and field.name.endswith(("_lag", "_width", "series_stiffness", "damping_beyond")):
+                raise InputError(f"{key} must be positive, not {value}")
 
 
 @jax.tree_util.register_dataclass
@@ -41,9 +96,51 @@ class PassiveDamper:
 
     internal_states: ClassVar[int] = 0
 
+    @classmethod
+    def soft(cls) -> "PassiveDamper":
+        """The controlled damper with its valve open, at 4.9 kN s/m per side."""
+        return cls(SOFT)
+
+    @classmethod
+    def hard(cls) -> "PassiveDamper":
+        """The controlled damper with its valve shut: Table 2's 5 kN at 0.1 m/s, taken as linear."""
+        return cls(HARD)
+
     def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
         """F_d = 2 rho_cy Δy_c' (eq. 1's dissipation function), up to blow-off."""
         damping = vehicle.secondary.damping_y if self.damping is None else self.damping
         if self.damping is None and vehicle.lateral_damper is not None:
             return 2.0 * blow_off_force(vehicle.contact.law, vehicle.lateral_damper, damping, velocity), internal
         return 2.0 * damping * velocity, internal
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class MaxwellDamper:
+    """Dashpots of `damping` c in series with a stiffness k (rubber ends, oil), both per side; blow-off as the yaw dampers'.
+
+    One internal state, the dashpot's elongation s: F = 2 k (Δy_c - s), s' = v(k (Δy_c - s)). Typical: k 3 to 10 MN/m. The corners
+    of the blow-off are sharp or rounded within `blow_off_width` as `law` says.
+    """
+
+    damping: Number = 25e3
+    series_stiffness: Number = 5e6
+    blow_off_velocity: Number = None
+    damping_beyond: Number = None
+    blow_off_width: Number = 1e-3
+    law: Literal["sharp", "smooth"] = structure("sharp")
+
+    internal_states: ClassVar[int] = 1
+
+    def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
+        """The yaw dampers' Maxwell element, across the secondary suspension."""
+        element = YawDamper(
+            self.damping, 1.0, self.blow_off_velocity, self.damping_beyond, self.series_stiffness, self.blow_off_width
+        )
+        return yaw_damper_force(self.law, element, travel, velocity, internal)
+
+    def extremes(self, vehicle: Vehicle) -> tuple["MaxwellDamper", ...]:
+        """Beyond blow-off the dashpot yields at the rate k/c_b."""
+        if self.blow_off_velocity is None:
+            return ()
+        return (MaxwellDamper(self.damping_beyond, self.series_stiffness),)

@@ -148,3 +148,14 @@ def transposed(vehicle: Vehicle, q: Groups) -> Callable[[Groups], Groups]:
         return groups
 
     return generalised
+
+
+def damper_point(deflection: Groups) -> str:
+    """Which deflection is that of the secondary lateral dampers: their own, if they have heights of their own."""
+    return "lateral_damper" if "lateral_damper" in deflection else "secondary_y"
+
+
+def of_carbody(vehicle: Vehicle, groups: Groups) -> Float[Array, "n *lanes"]:
+    """The car body's share of the secondary lateral dampers' deflection (or of its rate): its own motion at their upper ends."""
+    deflection = deflections(vehicle, {name: value for name, value in groups.items() if not name.startswith("bogie")})
+    return deflection[damper_point(deflection)]

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .channels import CHANNELS, parse_reduction
-from .dampers import Damper
+from .dampers import Damper, damper_extremes
 from .deflections import layout, size, wheelset_positions
 from .elements import extremes
 from .kernels import fence
-from .motion import Motion, motion, state_matrix, state_rate
+from .motion import Motion, held, motion, state_matrix, state_rate
 from .smooth import sqrt_of_square
 from .track import Speed, SpeedProfile, Track
 from .typing import Scalar
@@ -109,7 +109,8 @@ def run(
             _accumulate(how, total, CHANNELS[channel].read(at_start), counted)
             for (how, channel), total in zip(reductions, sums, strict=True)
         )
-        return (rk4(rate, x, state_rate(vehicle, at_start), dt, mid, end), sums), None
+        x = rk4(rate, x, state_rate(vehicle, at_start), dt, mid, end)
+        return (held(vehicle, damper, x), sums), None
 
     def several_steps(carry: Carry, index: Array) -> tuple[Carry, None]:
         return jax.lax.scan(step, carry, inputs(index))[0], None
@@ -135,7 +136,7 @@ def run(
         jnp.zeros(shape.shape, shape.dtype)
         for shape in (jax.eval_shape(CHANNELS[channel].read, here) for _, channel in reductions)
     )
-    (x, sums), (records, outside) = jax.lax.scan(block, (x, zeros), indices)
+    (x, sums), (records, outside) = jax.lax.scan(block, (held(vehicle, damper, x), zeros), indices)
     records = {name: value.reshape((plan.samples, *value.shape[2:])) for name, value in records.items()}
 
     steps = plan.samples * plan.every
@@ -207,11 +208,13 @@ def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[Array
     """Largest spectral radius of the state matrix with the flanges free and in contact, 1/s, from above by less than 1 %.
 
     Both, because the flange's spring slows the overdamped creep modes of low speed and quickens the others; and likewise
-    within and beyond the corners of the other elements (`extremes`). Gelfand: |E^(2^k)|^(1/2^k) by repeated squaring, so that
+    within and beyond the corners of the other elements (`extremes`) and of the damper (`damper_extremes`). Gelfand: |E^(2^k)|^(1/2^k) by repeated squaring, so that
     it runs in a batch and on any device.
     """
-    pairs = itertools.product(extremes(vehicle), (False, True))
-    matrices = [state_matrix(one, speed, damper, flange=flange) for one, flange in pairs]
+    cases = itertools.product(extremes(vehicle), damper_extremes(vehicle, damper), (False, True))
+    matrices = [state_matrix(one, speed, law, flange=flange) for one, law, flange in cases]
+    largest = max(len(matrix) for matrix in matrices)
+    matrices = [jnp.pad(matrix, (0, largest - len(matrix))) for matrix in matrices]  # laws differ in their internal states
     matrix = jax.lax.stop_gradient(jnp.stack(matrices))
     n = size(vehicle)
     scale = jnp.where(jnp.arange(matrix.shape[-1]) < n, 100.0, 1.0)  # displacements against velocities: about the rates

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .contact import ContactForce, contact_force, creepages
-from .dampers import Damper, PassiveDamper
-from .deflections import Groups, deflections, join, size, split, transposed
+from .dampers import Damper, PassiveDamper, Seen, law_of
+from .deflections import Groups, damper_point, deflections, join, size, split, transposed
 from .elements import bump_stop_force, yaw_damper_force, yaw_damper_states
 from .typing import Scalar
 from .vehicle import Vehicle, without_labels
@@ -90,11 +90,8 @@ def motion(
     x: Float[Array, "states *lanes"],
 ) -> Motion:
     """Eqs. (2) and (6) at an instant: M q'' = -G^T f(G q, G q', ...), at 1/v = `slowness` (s/m) on the track eta_i (m)."""
-    count, shape = size(vehicle), (len(vehicle.geometry.bogie_pattern), *x.shape[1:])
-    states = damper.internal_states, yaw_damper_states(vehicle)
-    flat, flat_rates, *internal = jax.lax.split(x, (count, count, *(k * shape[0] for k in states)))
+    flat, flat_rates, internal, elongation = _pieces(vehicle, damper, x)
     q, rates = split(vehicle, flat), split(vehicle, flat_rates)
-    internal, elongation = (piece.reshape((k, *shape)) for k, piece in zip(states, internal, strict=True))
 
     with jax.named_scope("deflections"):
         deflection, rate = deflections(vehicle, q), deflections(vehicle, rates)
@@ -102,8 +99,8 @@ def motion(
         forces = suspension_forces(vehicle, deflection, rate)
     with jax.named_scope("damper"):
         if "secondary_y" in deflection:
-            at = "lateral_damper" if "lateral_damper" in deflection else "secondary_y"
-            damper_force, internal_rate = damper.force(vehicle, deflection[at], rate[at], internal)
+            at = damper_point(deflection)
+            damper_force, internal_rate = law_of(damper, Seen(q, rates))(vehicle, deflection[at], rate[at], internal)
             forces[at] = forces[at] + damper_force if at in forces else damper_force
         else:
             damper_force, internal_rate = jnp.zeros_like(q["wheelset_y"][:, 0]), jnp.zeros_like(internal)
@@ -128,6 +125,29 @@ def motion(
     return Motion(
         q, rates, accelerations, deflection, rate, contact, damper_force, internal_rate, elongation_rate, alignment, slowness
     )
+
+
+def _pieces(vehicle: Vehicle, damper: Damper, x: Float[Array, "states *lanes"]) -> list[Float[Array, "..."]]:
+    """q and q' as they lie in the state, and the internal states of lateral and yaw dampers, (k, n, *lanes)."""
+    count, shape = size(vehicle), (len(vehicle.geometry.bogie_pattern), *x.shape[1:])
+    states = damper.internal_states, yaw_damper_states(vehicle)
+    flat, flat_rates, *internal = jax.lax.split(x, (count, count, *(k * shape[0] for k in states)))
+    return [flat, flat_rates, *(piece.reshape((k, *shape)) for k, piece in zip(states, internal, strict=True))]
+
+
+def held(vehicle: Vehicle, damper: Damper, x: Float[Array, "states *lanes"]) -> Float[Array, "states *lanes"]:
+    """The state between two steps, with what the damper holds until the next: `Damper.held`. Doing it twice changes nothing."""
+    if not hasattr(damper, "held"):
+        return x
+    flat, flat_rates, internal, elongation = _pieces(vehicle, damper, x)
+    q, rates = split(vehicle, flat), split(vehicle, flat_rates)
+    deflection, rate = deflections(vehicle, q), deflections(vehicle, rates)
+    if "secondary_y" not in deflection:
+        return x
+    at = damper_point(deflection)
+    internal = damper.held(vehicle, deflection[at], rate[at], internal, Seen(q, rates))
+    pieces = [piece.reshape((-1, *x.shape[1:])) for piece in (internal, elongation)]
+    return jnp.concatenate([flat, flat_rates, *pieces])
 
 
 def gyroscopic_coupling(vehicle: Vehicle, slowness: Scalar) -> Scalar:

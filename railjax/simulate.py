@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .channels import CHANNELS, check_channel, parse_reduction
-from .dampers import Damper
+from .dampers import Damper, check_damper
 from .deflections import join, layout
 from .errors import InputError
 from .integrate import STABLE_RADIUS, Plan, Run, fastest_rate, run
@@ -141,6 +141,7 @@ def simulate(
     """
     track = TangentTrack() if track is None else track
     check_track(track)
+    check_damper(damper)
     _check_speed(speed)
     plan = _plan(vehicle, duration, dt, sample, tuple(record), tuple(reduce), settle)
     x = initial_state(vehicle, damper, initial)

@@ -11,6 +11,9 @@ from .typing import Scalar
 #: smallest square told from zero; its root is far below any creep force in adhesion units
 TINY = 1e-30
 
+#: |q| below which tanh(√q)/√q and its like are summed as series of four terms, exact to 1e-13
+SERIES = 1e-3
+
 
 def sqrt_of_square(square: Float[Array, "..."]) -> Float[Array, "..."]:
     """√s for s >= 0 with derivative 0 instead of infinity at s = 0: the norm of a vector whose s = |F|² vanishes.
@@ -40,6 +43,32 @@ def smooth_dead_band(x: Float[Array, "..."], half_width: Scalar, width: Scalar) 
     return smooth_ramp(x - half_width, width) - smooth_ramp(-x - half_width, width)
 
 
+def odd_power(x: Float[Array, "..."], exponent: float) -> Float[Array, "..."]:
+    """|x|^(n-1) x for n >= 1, with derivative 0 at x = 0 for n > 1 where the power's own would be NaN."""
+    if exponent == 1:
+        return x
+    apart = jnp.where(x == 0.0, 1.0, jnp.abs(x))
+    return jnp.where(x == 0.0, 0.0, apart ** (exponent - 1.0)) * x
+
+
+def tanhc(square: Float[Array, "..."]) -> Float[Array, "..."]:
+    """tanh(√q)/√q, which is tan(√-q)/√-q for q < 0 and 1 at q = 0: smooth there. Needs q > -π²/4."""
+    q = square
+    series = 1.0 - q / 3.0 + 2.0 * q**2 / 15.0 - 17.0 * q**3 / 315.0
+    root = jnp.sqrt(jnp.where(jnp.abs(q) < SERIES, 1.0, jnp.abs(q)))
+    return jnp.where(jnp.abs(q) < SERIES, series, jnp.where(q > 0.0, jnp.tanh(root), jnp.tan(root)) / root)
+
+
+def artanhc(square: Float[Array, "..."]) -> Float[Array, "..."]:
+    """artanh(√q)/√q, which is arctan(√-q)/√-q for q < 0 and 1 at q = 0: smooth there. Needs q < 1."""
+    q = square
+    series = 1.0 + q / 3.0 + q**2 / 5.0 + q**3 / 7.0
+    near = jnp.abs(q) < SERIES
+    root = jnp.sqrt(jnp.where(near, 0.25, jnp.abs(q)))
+    within = jnp.where(q > 0.0, root, 0.25)  # or artanh beyond 1 would leave NaN in the derivative
+    return jnp.where(near, series, jnp.where(q > 0.0, jnp.arctanh(within), jnp.arctan(root)) / root)
+
+
 def beyond(law: str, x: Float[Array, "..."], half_width: Scalar, width: Scalar) -> Float[Array, "..."]:
     """The dead band by a vehicle's law: "sharp", its "smooth" twin of `width`, or "linear", which never leaves the band."""
     if law == "linear":
@@ -47,3 +76,20 @@ def beyond(law: str, x: Float[Array, "..."], half_width: Scalar, width: Scalar) 
     if law == "smooth":
         return smooth_dead_band(x, half_width, width)
     return dead_band(x, half_width)
+
+
+def smooth_sign(x: Float[Array, "..."], width: Scalar) -> Float[Array, "..."]:
+    """Twin of sgn x: x/√(x² + w²), which has the sign of x and is within w²/(2x²) of ±1."""
+    return x / jnp.sqrt(x**2 + width**2)
+
+
+def smooth_abs(x: Float[Array, "..."], width: Scalar) -> Float[Array, "..."]:
+    """Twin of |x|: x²/√(x² + w²), zero at zero and below |x| by less than 0.31 w."""
+    return x * smooth_sign(x, width)
+
+
+def agreement(law: str, one: Float[Array, "..."], other: Float[Array, "..."]) -> Float[Array, "..."]:
+    """1 where two numbers have the same sign, 0 where they have not or one is zero; of the smooth twin, "smooth", the numbers
+    are to be `smooth_sign`s and the result is (1 + product)/2, which goes from 0 to 1 within their widths."""
+    product = one * other
+    return 0.5 * (1.0 + product) if law == "smooth" else jnp.where(product > 0.0, 1.0, 0.0).astype(product.dtype)

@@ -1,0 +1,216 @@
+"""The modified Bouc-Wen damper, eqs. (12)-(17) of the paper (Spencer, Dyke, Sain and Carlson 1997): the laws as pure functions
+and a step that is stable for any motion.
+
+x is the displacement over the damper, y its inner one, z the hysteretic displacement, u the driver's voltage. All arrays
+broadcast against each other and against the parameters, so lanes may trail anywhere.
+
+Eq. (12) is printed F = c_1 y + k_1 (x - x_0); the units and the source want c_1 y'. What the paper calls k is k_0 there.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from . import smooth
+from .errors import InputError
+from .typing import Number, Scalar
+from .vehicle import optional, quantity, structure
+
+Values = Float[Array, "..."]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class BoucWen:
+    """Parameters of the modified Bouc-Wen damper; the defaults are Spencer's 3 kN prototype (1997; recalled, not read at the
+    source), for voltages of 0 to 2.25 V. |z| stays below √(A/(β + γ)) = 6.44 mm.
+    """
+
+    c0a: Number = quantity("N s/m", "c_0a", "viscous damping at high velocity, 0 V", 2100.0, positive=True)
+    c0b: Number = quantity("N s/m/V", "c_0b", "its growth with voltage", 350.0)
+    c1a: Number = quantity("N s/m", "c_1a", "dashpot in series, 0 V (roll-off at low velocity)", 28300.0, positive=True)
+    c1b: Number = quantity("N s/m/V", "c_1b", "its growth with voltage", 295.0)
+    alpha_a: Number = quantity("N/m", "α_a", "force per hysteretic displacement, 0 V", 14000.0, positive=True)
+    alpha_b: Number = quantity("N/m/V", "α_b", "its growth with voltage", 69500.0)
+    k0: Number = quantity("N/m", "k", "stiffness at high velocity (k_0 of the source)", 4690.0)
+    k1: Number = quantity("N/m", "k_1", "stiffness of the accumulator", 500.0)
+    x0: Number = quantity("m", "x_0", "displacement at which the accumulator gives no force", 0.143)
+    gamma: Number = quantity("1/m^2", "γ", "shape of the loop", 3.63e6)
+    beta: Number = quantity("1/m^2", "β", "shape of the loop", 3.63e6)
+    A: Number = quantity("1", "A", "slope dz/dx at z = 0", 301.0, positive=True)
+    eta: Number = quantity("1/s", "η", "rate at which the driver follows its command", 190.0, positive=True)
+    saturation: Number = optional(
+        "V", "u_s", "voltage at which the magnetic circuit saturates; without it eqs. (15)-(17) are linear"
+    )
+    n: float = structure(2.0)  # smoothness of the loop
+
+    def __str__(self) -> str:
+        return "\n".join(f"  {f.name:8s} {getattr(self, f.name):12.6g} {f.metadata['unit']}" for f in leaves(self))
+
+
+def leaves(parameters: BoucWen) -> list[dataclasses.Field]:
+    """The fields that are numbers, in order; without those that the damper does without."""
+    fields = [f for f in dataclasses.fields(parameters) if not f.metadata.get("static")]
+    return [f for f in fields if getattr(parameters, f.name) is not None]
+
+
+def effective(u: Scalar, saturation: Scalar | None) -> Scalar:
+    """The voltage that counts in eqs. (15)-(17): u itself, or u_s tanh(u/u_s), which the paper's "sigmoid function" allows."""
+    return u if saturation is None else saturation * jnp.tanh(u / saturation)
+
+
+def by_voltage(parameters: BoucWen, u: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    """α(u), c_0(u) and c_1(u), eqs. (15)-(17)."""
+    p = parameters
+    w = effective(u, p.saturation)
+    return p.alpha_a + p.alpha_b * w, p.c0a + p.c0b * w, p.c1a + p.c1b * w
+
+
+def y_rate(parameters: BoucWen, x: Scalar, velocity: Scalar, y: Scalar, z: Scalar, u: Scalar) -> Scalar:
+    """y' of eq. (13), m/s."""
+    alpha, c0, c1 = by_voltage(parameters, u)
+    return (alpha * z + c0 * velocity + parameters.k0 * (x - y)) / (c0 + c1)
+
+
+def z_rate(parameters: BoucWen, relative: Scalar, z: Scalar) -> Scalar:
+    """z' of eq. (14), m/s, for the relative velocity x' - y'. Derivatives are finite, also at z = 0."""
+    p = parameters
+    odd = smooth.odd_power(jnp.asarray(z, float), p.n)  # |z|^(n-1) z; times the sign of z it is |z|^n
+    return relative * (p.A - p.beta * odd * jnp.sign(z)) - p.gamma * jnp.abs(relative) * odd
+
+
+def u_rate(parameters: BoucWen, u: Scalar, command: Scalar) -> Scalar:
+    """u' = -η (u - v): the driver's first-order lag behind its command v, V/s."""
+    return parameters.eta * (command - u)
+
+
+def force(parameters: BoucWen, x: Scalar, velocity: Scalar, y: Scalar, z: Scalar, u: Scalar) -> Scalar:
+    """F of eq. (12), N, positive along x' when it resists."""
+    p = parameters
+    _, _, c1 = by_voltage(p, u)
+    return c1 * y_rate(p, x, velocity, y, z, u) + p.k1 * (x - p.x0)
+
+
+def lagged(parameters: BoucWen, u: Scalar, command: Scalar, dt: Scalar) -> Scalar:
+    """The driver's voltage a time dt later, the command held: exact."""
+    return command + (u - command) * jnp.exp(-parameters.eta * dt)
+
+
+#: Newton iterations of a step: 3 reach rounding even at 5 ms
+ITERATIONS = 3
+
+
+def step(
+    parameters: BoucWen, start: Scalar, end: Scalar, y: Scalar, z: Scalar, u: Scalar, dt: Scalar, steps: int = 1
+) -> tuple[Values, Values]:
+    """y and z a time dt later, while x goes evenly from `start` to `end` (m) at the voltage u; stable for every dt and x'.
+
+    The loop's own rate, 2 √(A(β + γ))|x'|, is 9e3 1/s at 0.1 m/s, too much for explicit steps of 1 ms. But z depends on the
+    path s = x - y alone, and that in closed form for n = 2 (`along_path`); so only the one number Δs is unknown:
+
+        (c_0 + c_1) Δs = c_1 Δx - dt (α (z_0 + z_1)/2 + k (s_0 + Δs/2)),    z_1 = z(z_0, Δs)
+
+    whose right side falls with Δs: Newton's method finds it. Second order; at 1 ms and 0.1 m/s the force is within 0.05 %
+    (r.m.s.) of the exact one. `steps` cuts dt into equal parts. Raises `InputError` unless n = 2.
+    """
+    if parameters.n != 2:
+        raise InputError(f"the step is closed-form for n = 2 only, not {parameters.n:g}: integrate y_rate and z_rate")
+    start, end, y, z = (jnp.asarray(value, float) for value in (start, end, y, z))
+    part, h = (end - start) / steps, dt / steps
+    for index in range(steps):
+        y, z = _one_step(parameters, start + index * part, part, y, z, u, h)
+    return y, z
+
+
+def _one_step(p: BoucWen, start: Values, change: Values, y: Values, z: Values, u: Scalar, dt: Scalar) -> tuple[Values, Values]:
+    alpha, c0, c1 = by_voltage(p, u)
+    half = 0.5 * dt * alpha
+    linear = c0 + c1 + 0.5 * dt * p.k0
+    known = c1 * change - dt * p.k0 * (start - y) - half * z  # = linear Δs + half z_1
+
+    def improved(path: Values) -> Values:
+        after, slope = along_path(p, z, path)
+        return path - (linear * path + half * after - known) / (linear + half * slope)
+
+    # z_1 bends down along the path, so Newton's method climbs to the solution from below, without overshooting. Two bounds from
+    # below are the tangent at Δs = 0 and the saturated loop, the one right for short paths, the other for long ones
+    left = known - half * z
+    direction = jnp.where(left < 0.0, -1.0, 1.0)
+    tangent = jnp.abs(left) / (linear + half * _slope(p, direction * z))
+    saturated = (direction * known - half * jnp.sqrt(p.A / (p.beta + p.gamma))) / linear
+    path = direction * jnp.maximum(tangent, saturated)
+    for _ in range(ITERATIONS - 1):
+        path = improved(path)
+    # at the solution Newton's map has the derivative of the solution, whatever the derivative of its argument
+    path = improved(jax.lax.stop_gradient(path))
+    return y + change - path, along_path(p, z, path)[0]
+
+
+def along_path(parameters: BoucWen, z: Scalar, path: Scalar) -> tuple[Values, Values]:
+    """z after the path Δs = ∫(x' - y')dt travelled without turning, and dz/dΔs there: eq. (14) for n = 2 in closed form.
+
+    Against the sign of z it unloads, dz/ds = A - (β - γ)z², with it loads, dz/ds = A - (β + γ)z²: Riccati equations, each
+    solved by z(s) = (z_0 + A τ)/(1 + b z_0 τ), τ = tanh(κs)/κ, κ² = A b; κ may be imaginary (tan) or vanish.
+    """
+    p = parameters
+    z, path = jnp.asarray(z, float), jnp.asarray(path, float)
+    direction = jnp.where(path < 0.0, -1.0, 1.0)
+    length, along = direction * path, direction * z
+    unloading, loading = p.beta - p.gamma, p.beta + p.gamma
+    to_zero = -along / p.A * smooth.artanhc(jnp.asarray(unloading / p.A * z**2))
+    first = jnp.clip(to_zero, 0.0, length)
+    after = _riccati(p.A, loading, _riccati(p.A, unloading, along, first), length - first)
+    return direction * after, _slope(p, after)
+
+
+def _slope(p: BoucWen, along: Values) -> Values:
+    """dz/ds, `along` being z counted positive in the direction of the path."""
+    return p.A - jnp.where(along < 0.0, p.beta - p.gamma, p.beta + p.gamma) * along**2
+
+
+def _riccati(a: Scalar, b: Scalar, z: Values, s: Values) -> Values:
+    """z(s) of dz/ds = a - b z²."""
+    tau = s * smooth.tanhc(a * b * s**2)
+    return (z + a * tau) / (1.0 + b * z * tau)
+
+
+def response(
+    parameters: BoucWen,
+    x: Float[Array, "samples"],
+    velocity: Float[Array, "samples"],
+    command: Float[Array, "samples"],
+    dt: Scalar,
+) -> Float[Array, "samples *lanes"]:
+    """Force in N over a prescribed motion sampled every dt seconds, from y = z = u = 0; parameters may have lanes.
+
+    `x` in m and `velocity` in m/s are the motion, `command` the voltage that the driver is told, held over each sample. Within a
+    sample the damper is moved by the mean of the velocities at its ends, not by the difference of x: a measured x is the noisier.
+    """
+    p = parameters
+    lanes = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in jax.tree.leaves(p)))
+
+    def sample(state: Float[Array, "3 *lanes"], now: tuple) -> tuple[Float[Array, "3 *lanes"], Values]:
+        path, z, u = state
+        position, speed, mean, told = now
+        out = force(p, position, speed, position - path, z, u)
+        after, z = step(p, position, position + mean * dt, position - path, z, lagged(p, u, told, 0.5 * dt), dt)
+        path = position + mean * dt - after
+        return jnp.stack(jnp.broadcast_arrays(path, z, lagged(p, u, told, dt))), out
+
+    mean = jnp.append(0.5 * (velocity[1:] + velocity[:-1]), velocity[-1])
+    return jax.lax.scan(sample, jnp.zeros((3, *lanes)), (x, velocity, mean, command))[1]
+
+
+def scaled(parameters: BoucWen, force: Scalar = 1.0, displacement: Scalar = 1.0) -> BoucWen:
+    """The damper whose force at x(t) is `force` times that of `parameters` at x(t)/`displacement`; voltage and time alike.
+
+    Forces scale c, α and k; displacements, z among them, stretch c, α, k, x_0 and the loop (β, γ). A, a slope, stays.
+    """
+    p = parameters
+    keys = ("c0a", "c0b", "c1a", "c1b", "alpha_a", "alpha_b", "k0", "k1")
+    by_both = {name: getattr(p, name) * force / displacement for name in keys}
+    by_square = {name: getattr(p, name) / displacement**2 for name in ("gamma", "beta")}
+    return dataclasses.replace(p, x0=p.x0 * displacement, **by_both, **by_square)
