@@ -111,7 +111,7 @@ class BoucWenDamper:
 
     def extremes(self, vehicle: Vehicle) -> tuple:
         """At full voltage, with the loop's steepest side; of the smooth law also the loop's own rate."""
-        p, u = self.parameters, self.voltage_limit
+        p, u = self.parameters, jnp.asarray(self.voltage_limit, float)
         alpha, c0, c1 = bouc_wen.by_voltage(p, u)
         steepest = p.A * (1.0 + jnp.maximum(p.gamma - p.beta, 0.0) / (p.gamma + p.beta))
         full = dataclasses.replace(p, alpha_a=alpha, c0a=c0, c1a=c1, alpha_b=0.0, c0b=0.0, c1b=0.0, A=steepest)

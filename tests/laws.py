@@ -24,6 +24,8 @@ CONTROLLED = {
     "mixed": railjax.MixedSkyhookADD(),
 }
 MR = {"bouc-wen": railjax.BoucWenDamper(), "hybrid": railjax.HybridDamper()}
+ALL = CONTROLLED | MR
+K = 133e3  # k_cy of Table 1
 
 
 def with_law(damper, law):

@@ -1,8 +1,7 @@
-"""Semi-active laws: closed forms, dissipation, the hold over a step, order in dt, derivatives, lanes, the regulator."""
+"""Semi-active laws: closed forms, dissipation, symmetry, the hold over a step, lanes, the regulator."""
 
 import dataclasses
 
-import derivatives
 import jax
 import jax.numpy as jnp
 import laws
@@ -11,17 +10,13 @@ import pytest
 import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from laws import CONTROLLED, MR, with_law
+from laws import ALL, CONTROLLED, K, with_law
 
 import railjax
 from railjax.dampers import HARD, SOFT
-from railjax.integrate import fastest_rate, largest_step
-from railjax.simulate import initial_state
-from railjax.vehicle import without_labels
+from railjax.integrate import fastest_rate
 
-K = 133e3  # k_cy of Table 1
 H, L = 1.24, 8.6  # h_cc, l
-ALL = CONTROLLED | MR
 LAWS = ["sharp", "smooth"]
 
 
@@ -141,111 +136,28 @@ def test_loss_per_cycle_is_that_of_a_damping_ratio_alpha_over_2_pi(coach, alpha)
         assert loss == pytest.approx(alpha * 2 * K * amplitude**2, rel=1e-3)
 
 
-START = {"wheelset_y": [6e-3, 5e-3, -4e-3, 3e-3], "bogie_psi": [1e-3, -1e-3], "carbody_y": 5e-3}
-ORDERS = {"sharp": 1.0, "smooth": 4.0}
-
-
-@pytest.mark.parametrize("name", ["balance", "balance, lags", "skyhook", "skyhook, continuous", "ADD", "mixed", "hybrid"])
-@pytest.mark.parametrize("law", LAWS)
-def test_observed_order(coach, name, law):
-    """Decisions held over a step: 1. Smooth twins, with widths that the steps resolve: 4."""
-    vehicle = without_labels(railjax.replace(coach, contact__law="linear"))
-    damper = with_law(ALL[name], law)
-    if law == "smooth":
-        wide = {"velocity_width": 0.1} | ({"travel_width": 5e-3} if name == "hybrid" else {"signal_width": 1.0})
-        damper = dataclasses.replace(damper, **wide)
-        if name == "hybrid":  # the stroke's own corners
-            damper = dataclasses.replace(damper, pilot=dataclasses.replace(damper.pilot, stroke_width=2e-4))
-    x = initial_state(vehicle, damper, START)
-    counts = np.array([150, 212, 300, 424]) if law == "smooth" else np.round(np.geomspace(200, 2000, 9)).astype(int)
-    fine = laws.final(vehicle, damper, x, 0.3, 4000 if law == "smooth" else 60_000)
-    weight = jnp.concatenate([jnp.full(17, 50.0), jnp.ones(17)])
-    errors = [float(jnp.linalg.norm((laws.final(vehicle, damper, x, 0.3, int(n)) - fine)[:34] * weight)) for n in counts]
-    slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
-    assert slope == pytest.approx(ORDERS[law], abs=0.4 if law == "sharp" else 0.35), errors
-
-
-@pytest.mark.parametrize("name", [*ALL, "maxwell"])
-def test_derivatives_of_the_smooth_laws(coach, name):
-    """With respect to the motion and the internal states, at rest, at zero velocity, at zero travel and in motion."""
-    damper = with_law(ALL[name], "smooth") if name != "maxwell" else railjax.MaxwellDamper(25e3, 5e6, 0.1, 5e3, law="smooth")
-    states = damper.internal_states
-    seen = laws.instant(coach, CONTROLLED["balance"], 1)[3]
-    scale = np.linspace(1.0, 3.0, states).reshape(states, 1)
-
-    def both(travel, velocity, internal, body):
-        moving = seen._replace(rates=seen.rates | {"carbody_y": body})
-        pair = jnp.ones(2)
-        force, rate = laws.force(coach, damper, travel * pair, velocity * pair, internal * scale * pair, moving)
-        return jnp.sum(force) / 1e3 + jnp.sum(rate)
-
-    for travel, velocity, internal in ((0.0, 0.0, 0.0), (0.01, 0.0, 1e-4), (0.0, 0.1, 1e-4), (-0.012, 0.15, 2e-4)):
-        derivatives.check(both, travel, velocity, internal, 0.03, step=1e-7, rtol=2e-5, atol=2e-3)
-
-
-def test_gradient_through_a_run(smooth):
-    """With respect to gain, stiffness and lag of a batch of two, reverse against forward and differences."""
-    track = railjax.SinusoidTrack(3e-3, 20.0)
-
-    def objective(values):
-        alpha, stiffness, lag = values
-        vehicle = railjax.replace(smooth, secondary__stiffness_y=stiffness)
-        damper = railjax.BalanceLogic(alpha, sensor_lag=lag, law="smooth")
-        reduce = ["rms:carbody_acceleration"]
-        run = railjax.simulate(vehicle, 50.0, track=track, damper=damper, duration=0.5, record=[], sample=0.1, reduce=reduce)
-        return run["rms:carbody_acceleration"]
-
-    values = jnp.array([0.6, K, 5e-3])
-    reverse = railjax.jit(jax.grad(objective))(values)
-    np.testing.assert_allclose(jax.jit(jax.jacfwd(objective))(values), reverse, rtol=1e-8)
-    objective = jax.jit(objective)
-    for k, value in enumerate(values):
-        h = 1e-5 * float(value)
-        numeric = (float(objective(values.at[k].add(h))) - float(objective(values.at[k].add(-h)))) / (2 * h)
-        assert float(reverse[k]) == pytest.approx(numeric, rel=1e-4)
-
-
-@pytest.mark.parametrize(
-    "damper", [railjax.BalanceLogic(0.0), railjax.BoucWenDamper(voltage_gain=0.0)], ids=["balance", "bouc-wen"]
-)
-def test_lanes_are_single_runs(coach, damper):
-    """A batch over speeds and gains, by lanes and by `vmap`; every run's instants dissipate with fresh decisions."""
-    field = "alpha" if hasattr(damper, "alpha") else "voltage_gain"
-    gains, speeds = np.array([0.2, 0.9, 60.0]), np.array([45.0, 55.0, 60.0])
-    options = {"track": railjax.SinusoidTrack(4e-3, 20.0), "duration": 0.5, "record": ["damper_force", "secondary_velocity"]}
+def test_lanes_are_single_runs(coach):
+    """A batch over speeds and gains, by lanes and by `vmap`; every instant dissipates with its fresh decision."""
+    options = {"track": railjax.SinusoidTrack(4e-3, 20.0), "duration": 0.3, "record": ["damper_force", "secondary_velocity"]}
 
     def run(speed, gain):
-        return railjax.simulate(coach, speed, damper=dataclasses.replace(damper, **{field: gain}), **options)
+        return railjax.simulate(coach, speed, damper=railjax.BalanceLogic(gain), **options).channels
 
-    batch = run(jnp.asarray(speeds), jnp.asarray(gains))
-    mapped = jax.vmap(run)(jnp.asarray(speeds), jnp.asarray(gains))["damper_force"]
-    for k in range(3):
-        alone = np.asarray(run(float(speeds[k]), float(gains[k]))["damper_force"])
-        np.testing.assert_allclose(np.asarray(batch["damper_force"])[..., k], alone, rtol=1e-8, atol=1e-6)
-        np.testing.assert_allclose(np.asarray(mapped)[k], alone, rtol=1e-8, atol=1e-6)
-    if field == "alpha":
-        assert float(jnp.min(batch["damper_force"] * batch["secondary_velocity"])) >= 0.0
-
-
-def test_a_stopped_run_goes_on_as_if_it_had_not_stopped(coach):
-    damper = railjax.BoucWenDamper()
-    options = {"damper": damper, "duration": 0.2, "record": ["damper_force"]}
-    whole = railjax.simulate(coach, 50.0, **(options | {"duration": 0.4}), initial=START)
-    first = railjax.simulate(coach, 50.0, **options, initial=START)
-    second = railjax.simulate(coach, 50.0, **options, initial=first.final)
-    np.testing.assert_allclose(second.final, whole.final, rtol=1e-10, atol=1e-14)
+    gains, speeds = jnp.array([0.2, 0.9]), jnp.array([45.0, 60.0])
+    batch, mapped = run(speeds, gains), jax.vmap(run)(speeds, gains)
+    alone = jnp.moveaxis(mapped["damper_force"], 0, -1)
+    np.testing.assert_allclose(batch["damper_force"], alone, rtol=1e-8, atol=1e-6)
+    assert float(jnp.min(batch["damper_force"] * batch["secondary_velocity"])) >= 0.0
 
 
 def test_bound_on_the_step_sees_what_rest_does_not_show(coach):
-    plain = float(fastest_rate(coach, 50.0, railjax.PassiveDamper(0.0)))
+    """The smooth law is a damper of 2 k 50 mm/w between bogie (2300 kg; roll makes it lighter) and car body; lanes are marked, a single run is refused."""
     narrow = railjax.BalanceLogic(1.0, law="smooth", velocity_width=1e-4)
-    # a damper of 2 k 50 mm/w between bogie (2300 kg) and car body
-    assert float(fastest_rate(coach, 50.0, narrow)) > 0.9 * 2 * K * 0.05 / 1e-4 / 2300 > 10 * plain
-    shut = railjax.Skyhook(damping_max=5e6)
-    assert float(largest_step(coach, 50.0, shut)) < 1e-3
+    rate = float(fastest_rate(coach, 50.0, narrow))
+    assert 1.0 < rate / (2 * K * 0.05 / 1e-4 / 2300) < 1.4
     with pytest.raises(railjax.InputError, match="too large for RK4"):
-        railjax.simulate(coach, 50.0, damper=shut, duration=0.1)
-    both = railjax.simulate(coach, jnp.array([50.0, 51.0]), damper=shut, duration=0.1)
+        railjax.simulate(coach, 50.0, damper=narrow, duration=0.1)
+    both = railjax.simulate(coach, jnp.array([50.0, 51.0]), damper=narrow, duration=0.1)
     assert [int(code) for code in both.code] == [railjax.Result.STEP_TOO_LARGE] * 2
 
 
