@@ -10,8 +10,10 @@ Importing it changes no JAX configuration and starts no backend.
 """
 
 from .channels import CHANNELS
+from .critical import Hunting, nonlinear_critical, nonlinear_critical_speed
 from .dampers import MaxwellDamper, PassiveDamper
 from .errors import InputError, NumericalError
+from .hunting import Branch, LimitCycle, hunting_branch
 from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
 from .kernels import jit
 from .lanes import use_all_cores
@@ -19,7 +21,9 @@ from .linear import Stability, linear_critical, linear_critical_speed
 from .modes import Modes, RootLocus, modes, root_locus
 from .motion import matrices, state_matrix, track_matrix
 from .mr_dampers import BoucWenDamper, HybridDamper
+from .normal_form import first_lyapunov_coefficient
 from .precision import use_double_precision
+from .ramp import Ramp, speed_ramp
 from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from .simulate import Result, Simulation, simulate
 from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
@@ -33,17 +37,21 @@ __all__ = [
     "CHANNELS",
     "BalanceLogic",
     "BoucWenDamper",
+    "Branch",
     "BumpStop",
     "BumpTrack",
     "ClippedLQR",
+    "Hunting",
     "HybridDamper",
     "InputError",
     "LateralDamper",
+    "LimitCycle",
     "MaxwellDamper",
     "MixedSkyhookADD",
     "Modes",
     "NumericalError",
     "PassiveDamper",
+    "Ramp",
     "Result",
     "RootLocus",
     "Simulation",
@@ -57,7 +65,9 @@ __all__ = [
     "alignment",
     "contact_ellipse",
     "creep_coefficients",
+    "first_lyapunov_coefficient",
     "get_parameter",
+    "hunting_branch",
     "jit",
     "kalker_coefficients",
     "linear_critical",
@@ -65,12 +75,15 @@ __all__ = [
     "load_vehicle",
     "matrices",
     "modes",
+    "nonlinear_critical",
+    "nonlinear_critical_speed",
     "packaged_vehicles",
     "parameters",
     "replace",
     "root_locus",
     "set_parameter",
     "simulate",
+    "speed_ramp",
     "state_matrix",
     "track_matrix",
     "use_all_cores",

@@ -10,6 +10,7 @@ from .cli_common import AsJson
 from .cli_common import finite as _finite
 from .cli_common import show as _show
 from .cli_damper import damper_app
+from .cli_hunting import hunting
 from .cli_simulate import DAMPERS, make_damper
 from .errors import InputError, NumericalError
 
@@ -19,6 +20,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(damper_app, name="damper")
+app.command()(hunting)
 
 VehicleName = Annotated[
     str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")
@@ -168,7 +170,7 @@ def simulate(
     from .units import KMH
 
     _finite(speed_kmh=speed_kmh, wavelength_m=wavelength_m, bump_m=bump_m, duration_s=duration_s, dt_s=dt_s)
-    _finite(positive=False, amplitude_mm=amplitude_mm)
+    _finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha)
     loaded = _load(vehicle)
     if out is not None and out.suffix not in (".csv", ".nc", ".png"):
         raise InputError(f"--out {out}: the name must end in .csv, .nc or .png")

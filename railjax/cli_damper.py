@@ -9,11 +9,6 @@ from .cli_common import AsJson, finite, show
 damper_app = typer.Typer(help="The hybrid magnetorheological damper: its design, its model.", no_args_is_help=True)
 
 
-@damper_app.callback()
-def _damper() -> None:
-    """The hybrid magnetorheological damper."""
-
-
 @damper_app.command("design")
 def damper_design(
     force_n: Annotated[float, typer.Option(help="Maximal force of the hydraulic damper in N.")] = 5000.0,

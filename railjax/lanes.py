@@ -148,6 +148,34 @@ def _joined(leaf: jax.Array) -> jax.Array:
     return leaf.reshape((*leaf.shape[:-2], -1))
 
 
+def one_by_one(function: Callable[[Any], Any], trees: Any, axes: Any) -> Any:
+    """`function(trees)` for one lane after another, for what branches or calls LAPACK; outputs carry lanes on the last axis.
+
+    The lanes are shared out among the devices, each of which takes its own one by one.
+    """
+    batched = jax.tree.map(lambda leaf, own: jnp.ndim(leaf) > own, trees, axes)
+    own = [jnp.moveaxis(jnp.asarray(leaf), -1, 0) for leaf, lane in _pairs(trees, batched) if lane]
+    shared = [jnp.asarray(leaf) for leaf, lane in _pairs(trees, batched) if not lane]
+    lanes, devices = own[0].shape[0], len(jax.local_devices())
+    missing = -lanes % devices
+
+    def one(shared: list, pieces: list) -> Any:
+        here, alike = iter(pieces), iter(shared)
+        leaves = [next(here) if lane else next(alike) for lane in jax.tree.leaves(batched)]
+        return function(jax.tree.unflatten(jax.tree.structure(trees), leaves))
+
+    def work(shared: list, own: list) -> Any:
+        return jax.lax.map(functools.partial(one, shared), own)
+
+    filled = [jnp.pad(leaf, [(0, missing)] + [(0, 0)] * (leaf.ndim - 1), mode="edge") for leaf in own]
+    found = _on_devices(work)(shared, filled)
+    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf[:lanes], 0, -1), found)
+
+
+def _pairs(trees: Any, batched: Any) -> Any:
+    return zip(jax.tree.leaves(trees), jax.tree.leaves(batched), strict=True)
+
+
 def each_lane(function: Callable[..., Any], trees: tuple, axes: tuple) -> Any:
     """`function(*trees)` lane by lane (`vmap`), for what is written for a single vehicle."""
     mapped = jax.tree.map(lambda leaf, own: -1 if jnp.ndim(leaf) > own else None, trees, axes)

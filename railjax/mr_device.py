@@ -142,7 +142,7 @@ def viscous_force(
 
 def least_volume(viscosity: Scalar, yield_stress: Scalar, coefficient: Scalar, ratio: Scalar, power: Scalar) -> Scalar:
     """V = k (η/τ_y²) (F_τ/F_η) P_m, m³, k = 12/c²: the least active fluid for a ratio of forces and a power P_m = F_τ v (W)."""
-    return 12.0 / coefficient**2 * viscosity / yield_stress**2 * ratio * power
+    return 12.0 / coefficient**2 * viscosity / (yield_stress**2 + TINY) * ratio * power
 
 
 def analyse(device: MrDevice, fluid: MrFluid, velocity: Scalar = 0.015, yield_stress: Scalar | None = None) -> DeviceForces:

@@ -10,7 +10,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from .hunting import Branch
     from .modes import RootLocus
+    from .ramp import Ramp
     from .simulate import Simulation
 
 #: Okabe and Ito's palette, told apart with every common colour blindness
@@ -95,3 +97,51 @@ def locus(axes: "Axes", result: "RootLocus", limit: float = 0.6) -> None:
         xlim=(result.speeds[0] * KMH, result.speeds[-1] * KMH),
     )
     legend_above(axes, 2)
+
+
+def bifurcation(axes: "Axes", branch: "Branch", ramp: "Ramp | None" = None) -> None:
+    """Amplitude over speed: stable limit cycles solid, unstable ones dashed, straight running on the axis, jumps as arrows."""
+    from .units import KMH
+
+    hopf = float(branch.hopf.speed) * KMH
+    named: set[bool] = set()
+    for piece in branch.pieces:
+        for stable, points in _runs(piece):
+            speeds, heights = (np.array([getattr(p, name) for p in points]) for name in ("speed", "amplitude"))
+            label = ("stable limit cycle" if stable else "unstable limit cycle") if stable not in named else None
+            named.add(stable)
+            style = "-" if stable else (0, (4, 2.5))
+            axes.plot(speeds * KMH, heights * 1e3, color=COLOURS[0], linestyle=style, label=label)
+    left, right = branch.speed.min() * KMH - 8.0, branch.speed.max() * KMH
+    axes.plot([left, hopf], [0, 0], color=COLOURS[0], clip_on=False, zorder=3)
+    axes.plot([hopf, right], [0, 0], color=COLOURS[0], linestyle=(0, (4, 2.5)), clip_on=False, zorder=3)
+    axes.plot(hopf, 0, "o", color=COLOURS[1], clip_on=False, zorder=4, label=f"Hopf point, {hopf:.1f} km/h")
+    fold = branch.fold
+    arrow = {"arrowstyle": "-|>", "color": "0.45", "linewidth": 1.0, "shrinkA": 0, "shrinkB": 3}
+    if fold is not None:
+        speed, height = fold.speed * KMH, fold.amplitude * 1e3
+        axes.plot(speed, height, "s", color=COLOURS[1], zorder=4, label=f"fold, {speed:.1f} km/h and {height:.2f} mm")
+        axes.annotate("", (speed, 0.0), (speed, height), arrowprops=arrow)
+        above = [p for p in branch.points if p.stable and p.amplitude > 0]
+        if above:
+            landing = np.interp(hopf, *np.array(sorted((p.speed * KMH, p.amplitude * 1e3) for p in above)).T)
+            axes.annotate("", (hopf, landing), (hopf, 0.0), arrowprops=arrow)
+    if ramp is not None:
+        axes.plot(ramp.down_speed * KMH, ramp.down_amplitude * 1e3, ".", ms=2.5, color=COLOURS[2], label="simulated ramp down")
+        axes.plot(ramp.up_speed * KMH, ramp.up_amplitude * 1e3, ".", ms=2.5, color=COLOURS[4], label="simulated ramp up")
+    axes.set(
+        xlabel="speed, km/h",
+        ylabel=f"amplitude of wheelset {branch.wheelset + 1}, mm",
+        xlim=(left, right),
+        ylim=(0.0, None),
+    )
+    legend_above(axes, 3)
+
+
+def _runs(piece: tuple) -> Iterator[tuple[bool, list]]:
+    """Stretches of like stability, each with the first point of the next so that no gap shows."""
+    start = 0
+    for k in range(1, len(piece) + 1):
+        if k == len(piece) or piece[k].stable != piece[start].stable:
+            yield piece[start].stable, list(piece[start : k + 1])
+            start = k

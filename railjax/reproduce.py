@@ -20,7 +20,7 @@ from .study import STUDIES, Context, Outcome, Study
 from .vehicle_files import load_vehicle
 
 #: modules that define studies, in the paper's order
-MODULES = ("railjax.paper_passive", "railjax.paper_damper", "railjax.paper_semiactive")
+MODULES = ("railjax.paper_passive", "railjax.paper_hunting", "railjax.paper_damper", "railjax.paper_semiactive")
 
 Progress = Callable[[str, int, int], None]
 

@@ -1,0 +1,107 @@
+"""`railjax hunting`: the bifurcation diagram on the command line."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .cli_common import AsJson, finite, show
+from .errors import InputError
+
+
+def hunting(
+    vehicle: Annotated[
+        str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")
+    ],
+    highest_speed_kmh: Annotated[
+        float | None, typer.Option(help="How far to go in km/h (default 1.25 times the Hopf speed).")
+    ] = None,
+    wheelset: Annotated[
+        int | None, typer.Option(help="Wheelset whose amplitude counts, 1 in front (default: leading one of the trailing bogie).")
+    ] = None,
+    steps: Annotated[int | None, typer.Option(help="RK4 steps in half a period (default: as many as needed).")] = None,
+    ramp: Annotated[bool, typer.Option("--ramp", help="Simulate a slow speed ramp down and up beside it.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Write the diagram to a .png or .svg file, or the points to .csv.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Limit cycles over speed: Hopf point, folds, stability (the bifurcation diagram).
+
+    Example: railjax hunting coach --out diagram.png
+    """
+    from . import hunting_branch, load_vehicle, speed_ramp, use_all_cores, use_double_precision
+    from .units import KMH
+
+    finite(highest_speed_kmh=highest_speed_kmh, steps=steps)
+    if out is not None and out.suffix not in (".png", ".svg", ".csv"):
+        raise InputError(f"--out {out}: the name must end in .png, .svg or .csv")
+    use_double_precision()
+    use_all_cores()
+    loaded = load_vehicle(vehicle)
+    highest = None if highest_speed_kmh is None else highest_speed_kmh / KMH
+    index = None if wheelset is None else wheelset - 1
+    branch = hunting_branch(loaded, highest_speed=highest, wheelset=index, steps=steps)
+    slow = None
+    if ramp:
+        slow = speed_ramp(loaded, 0.98 * branch.speed.min(), 1.05 * float(branch.hopf.speed), wheelset=index)
+    if out is not None:
+        _write(branch, slow, out)
+    fold = branch.fold
+    fitted = [f"{p.parameter}: {p.note}" for p in loaded.provenance if p.status == "calibrated"]
+    content = {
+        "vehicle": loaded.name,
+        "hopf_kmh": float(branch.hopf.speed) * KMH,
+        "hopf_frequency_hz": float(branch.hopf.frequency),
+        "criticality": branch.criticality,
+        "slope_at_hopf_kmh_per_mm": branch.slope_at_hopf * KMH * 1e-3,
+        "lyapunov_per_s": branch.lyapunov,
+        "fold_kmh": None if fold is None else fold.speed * KMH,
+        "fold_amplitude_mm": None if fold is None else fold.amplitude * 1e3,
+        "fold_frequency_hz": None if fold is None else fold.frequency,
+        "folds": [_point(point) for point in branch.folds],
+        "events": [
+            {"kind": kind, "speed_kmh": speed * KMH, "amplitude_mm": amplitude * 1e3} for kind, speed, amplitude in branch.events
+        ],
+        "wheelset": branch.wheelset + 1,
+        "branch": [{**_point(point), "piece": k} for k, piece in enumerate(branch.pieces) for point in piece],
+        "largest_trivial_multiplier_error": max(point.floquet.error for point in branch.points),
+        "calibrated": fitted,
+        "note": branch.note,
+    }
+    lines = [str(branch)]
+    if slow is not None:
+        content["ramp"] = {"stops_kmh": slow.stops * KMH, "starts_kmh": slow.starts * KMH, "rate_m_per_s2": slow.rate}
+        lines.append(str(slow))
+    if fold is None:
+        lines.append(
+            "no fold: limit cycles leave the Hopf point towards higher speeds, so it is the nonlinear critical speed as well"
+        )
+    show(content, [*lines, *[f"calibrated, not predicted: {entry}" for entry in fitted]], as_json)
+
+
+def _point(point: Any) -> dict[str, Any]:
+    from .units import KMH
+
+    return {
+        "speed_kmh": point.speed * KMH,
+        "amplitude_mm": point.amplitude * 1e3,
+        "frequency_hz": point.frequency,
+        "stable": point.stable,
+        "largest_multiplier": point.floquet.largest,
+        "trivial_multiplier_error": point.floquet.error,
+    }
+
+
+def _write(branch: Any, slow: Any, out: Path) -> None:
+    from .plots import figure
+
+    try:
+        if out.suffix == ".csv":
+            rows = [_point(point) for point in branch.points]
+            text = [",".join(rows[0]), *(",".join(str(value) for value in row.values()) for row in rows)]
+            out.write_text("\n".join(text) + "\n", encoding="utf-8")
+        else:
+            with figure(height=4.4) as (page, axes):
+                branch.plot(axes[0, 0], slow)
+                page.savefig(out)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None

@@ -1,0 +1,443 @@
+"""The bifurcation diagram of hunting: limit cycles over speed, from the Hopf point to the highest speed, with stability.
+
+branch = railjax.hunting_branch(railjax.load_vehicle("coach"))
+print(branch)
+branch.plot(axes)
+"""
+
+import functools
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float
+
+from . import continuation, orbits
+from .continuation import MOST_TRIES, bracket, narrowed, orbit_between, resolved, stuck, walked
+from .critical import ENTRY, default_steps, default_wheelset, entry_amplitude
+from .dampers import Damper
+from .errors import InputError, NumericalError
+from .linear import LinearCritical, Stability, linear_critical
+from .motion import PASSIVE, state_matrix
+from .normal_form import first_lyapunov_coefficient
+from .orbits import BY_SPEED, PERIOD, SPEED, Floquet, Model, Point, Problem, Shooting, floquet, multipliers_of, row_of
+from .precision import require_double_precision
+from .units import KMH
+from .vehicle import Vehicle, without_labels
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+
+    from .ramp import Ramp
+
+#: share of the flange clearance at which the branch is entered from the Hopf point, to which it is followed down, and at which
+#: its first direction is taken
+NEAR_HOPF, DOWN_TO, AT_HOPF = 0.1, 0.02, 1e-3
+#: longest step between two points of the diagram (1 mm or 10 m/s), and the most points that one piece may have
+LARGEST_STEP, MOST_POINTS = 0.25, 600
+#: how far the diagram goes, in linear critical speeds
+HIGHEST = 1.25
+
+
+@dataclass(frozen=True)
+class LimitCycle:
+    """A periodic motion at one speed (m/s): amplitude of the wheelset (m), frequency (Hz), Floquet multipliers, state.
+
+    `state` is x where the wheelset turns, to start a simulation with; `residual` how far the orbit is from closing (1 mm,
+    50 mm/s); `floquet.error` is |mu_1 - 1|, the error bar of the multipliers.
+    """
+
+    speed: float
+    amplitude: float
+    frequency: float
+    floquet: Floquet
+    state: Float[np.ndarray, "states"]
+    residual: float
+    unknowns: Float[np.ndarray, "unknowns"]
+
+    @property
+    def stable(self) -> bool:
+        """Whether nearby motions come back to it."""
+        return self.floquet.stable
+
+    def __str__(self) -> str:
+        kind = "stable" if self.stable else "unstable"
+        return (
+            f"limit cycle at {self.speed * KMH:.3f} km/h: {self.amplitude * 1e3:.3f} mm, {self.frequency:.4f} Hz, {kind}, "
+            f"largest multiplier {self.floquet.largest:.4f} (error {self.floquet.error:.1e})"
+        )
+
+
+class Event(NamedTuple):
+    """Where the stability of the limit cycles changes along the branch: kind, speed (m/s) and amplitude (m)."""
+
+    kind: str
+    speed: float
+    amplitude: float
+
+
+@dataclass(frozen=True)
+class Branch:
+    """Limit cycles of a vehicle, in pieces that are each followed without a gap, from the Hopf point to the highest speed.
+
+    `folds` are solved for as such; the lowest is the nonlinear critical speed. `criticality` tells on which side of the Hopf
+    point limit cycles are: "subcritical" (below: a large disturbance makes the vehicle hunt before it is unstable) or
+    "supercritical". `slope_at_hopf` is dv/dA there, m/s per m: with the Vermeulen-Johnson law, whose force is not smooth at
+    zero creep, amplitude grows in proportion to the speed difference. For a smooth law `lyapunov` is the first Lyapunov
+    coefficient (see `normal_form`), else None. `note` says what is peculiar.
+    """
+
+    vehicle_name: str
+    hopf: LinearCritical
+    criticality: str
+    slope_at_hopf: float
+    lyapunov: float | None
+    pieces: tuple[tuple[LimitCycle, ...], ...]
+    folds: tuple[LimitCycle, ...]
+    events: tuple[Event, ...]
+    note: str
+    wheelset: int
+    model: Model
+    shooting: Shooting
+
+    @property
+    def points(self) -> list[LimitCycle]:
+        """All limit cycles, from the Hopf point on."""
+        return [point for piece in self.pieces for point in piece]
+
+    @property
+    def speed(self) -> Float[np.ndarray, "points"]:
+        """m/s."""
+        return np.array([point.speed for point in self.points])
+
+    @property
+    def amplitude(self) -> Float[np.ndarray, "points"]:
+        """m, of the wheelset's lateral displacement."""
+        return np.array([point.amplitude for point in self.points])
+
+    @property
+    def frequency(self) -> Float[np.ndarray, "points"]:
+        """Hz."""
+        return np.array([point.frequency for point in self.points])
+
+    @property
+    def multipliers(self) -> Complex[np.ndarray, "points states"]:
+        """Floquet multipliers of the whole period, the trivial one first."""
+        return np.array([point.floquet.multipliers for point in self.points])
+
+    @property
+    def stable(self) -> Bool[np.ndarray, "points"]:
+        """Whether nearby motions come back."""
+        return np.array([point.stable for point in self.points])
+
+    @property
+    def fold(self) -> LimitCycle | None:
+        """The lowest fold, the nonlinear critical speed; None where the branch has none (supercritical)."""
+        return min(self.folds, key=lambda point: point.speed, default=None)
+
+    def at(self, speed: float, stable: bool = True) -> LimitCycle:
+        """The limit cycle at a speed (m/s), solved for; `InputError` where the branch has none that is (un)stable there."""
+        for piece in self.pieces:
+            for one, other in itertools.pairwise(piece):
+                within = min(one.speed, other.speed) <= speed <= max(one.speed, other.speed)
+                if within and one.stable == stable and other.stable == stable:
+                    share = (speed - one.speed) / (other.speed - one.speed) if other.speed != one.speed else 0.0
+                    guess = one.unknowns + share * (other.unknowns - one.unknowns)
+                    problem = _by_speed(self.model, self.shooting, guess, speed)
+                    found = _solved(self.model, self.shooting, problem)
+                    if bool(found.usable):
+                        return _limit_cycle(self.model, self.shooting, found)
+        kind = "stable" if stable else "unstable"
+        raise InputError(f"the branch has no {kind} limit cycle at {speed * KMH:.2f} km/h")
+
+    def plot(self, axes: "Axes", ramp: "Ramp | None" = None) -> None:
+        """The diagram as engineers draw it: amplitude over km/h, stable solid, unstable dashed, jumps marked."""
+        from .plots import bifurcation
+
+        bifurcation(axes, self, ramp)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """A labelled dataset over the points."""
+        import xarray
+
+        largest = np.array([point.floquet.largest for point in self.points])
+        error = np.array([point.floquet.error for point in self.points])
+        piece = np.concatenate([np.full(len(part), k) for k, part in enumerate(self.pieces)])
+        columns = {
+            "speed": (self.speed, "m/s"),
+            "amplitude": (self.amplitude, "m"),
+            "frequency": (self.frequency, "Hz"),
+            "stable": (self.stable, "1"),
+            "largest_multiplier": (largest, "1"),
+            "trivial_multiplier_error": (error, "1"),
+            "piece": (piece, "1"),
+        }
+        variables = {name: ("point", values, {"units": unit}) for name, (values, unit) in columns.items()}
+        attributes = {"vehicle": self.vehicle_name, "criticality": self.criticality, "note": self.note}
+        return xarray.Dataset(variables, attrs=attributes)
+
+    def __str__(self) -> str:
+        low, high = self.speed.min() * KMH, self.speed.max() * KMH
+        lines = [
+            f"Hunting of {self.vehicle_name or 'a vehicle'}: {len(self.points)} limit cycles, {low:.1f} to {high:.1f} km/h",
+            f"  Hopf point: {float(self.hopf.speed) * KMH:.3f} km/h, {float(self.hopf.frequency):.3f} Hz, {self.criticality}",
+        ]
+        lines += [f"  fold: {fold}" for fold in self.folds]
+        lines += [f"  {kind}: {speed * KMH:.2f} km/h, {amplitude * 1e3:.2f} mm" for kind, speed, amplitude in self.events]
+        lines += [f"  {self.note}"] if self.note else []
+        return "\n".join(lines)
+
+
+_solved = jax.jit(orbits.solved, static_argnums=1)
+_next_orbit = jax.jit(continuation.next_orbit, static_argnums=1)
+_settled = jax.jit(continuation.settled, static_argnums=1)
+_near_hopf = jax.jit(continuation.near_hopf, static_argnums=1)
+_modes = jax.jit(continuation.hunting_modes, static_argnums=(1, 3))
+_walked, _bracket, _narrowed, _resolved, _between = map(jax.jit, (walked, bracket, narrowed, resolved, orbit_between))
+
+
+def _by_speed(model: Model, shooting: Shooting, guess: Float[np.ndarray, "unknowns"], speed: float) -> Problem:
+    return Problem(jnp.asarray(guess), row_of(model, shooting, BY_SPEED), jnp.asarray(speed / SPEED))
+
+
+def follow(
+    model: Model, shooting: Shooting, start: Point, largest_step: float = LARGEST_STEP
+) -> Iterator[tuple[Point, Point | None]]:
+    """Limit cycles along a branch from `start` in its direction, for as long as the caller asks; ends where it is stuck.
+
+    Yields each point, and the fold between it and the one before (solved for) where there is one.
+    """
+    walk = continuation.begun(start)
+    while not bool(stuck(walk)):
+        ahead = _solved(model, shooting, _next_orbit(model, shooting, walk))
+        before, walk = walk, _walked(walk, ahead, largest_step)
+        if float(walk.step) < float(before.step) and bool(jnp.all(walk.point.unknowns == before.point.unknowns)):
+            continue
+        folded = float(walk.before.direction[-1]) * float(walk.point.direction[-1]) < 0.0
+        yield walk.point, _fold(model, shooting, walk.before, walk.point) if folded else None
+
+
+def _fold(model: Model, shooting: Shooting, low: Point, high: Point) -> Point | None:
+    ends = _bracket(low, high)
+    while not bool(_resolved(ends)):
+        if int(ends.tried) == MOST_TRIES:
+            return None
+        ends = _narrowed(ends, _solved(model, shooting, _between(ends)))
+    return ends.best
+
+
+def hunting_branch(
+    vehicle: Vehicle,
+    *,
+    damper: Damper = PASSIVE,
+    highest_speed: float | None = None,
+    wheelset: int | None = None,
+    steps: int | None = None,
+    symmetric: bool = True,
+    largest_step: float = LARGEST_STEP,
+) -> Branch:
+    """The limit cycles of a vehicle over speed: unstable ones from the Hopf point to the fold, stable ones from there on.
+
+    `highest_speed` in m/s (default 1.25 times the linear critical speed); `wheelset`, counted from the front, whose lateral
+    displacement is the amplitude (default the leading one of the trailing bogie, as in the paper's fig. 6); `steps` of RK4 in
+    half a period (default enough for the fastest motion, at least 200); `largest_step` between two points, 1 for 1 mm or
+    10 m/s; `symmetric` False looks for orbits by the whole period, for dampers that are not alike to both sides.
+
+    Sharp flange corners are rounded within 0.01 mm (`orbits.rounded` says why). Raises `NumericalError` where straight running
+    does not lose its stability or no limit cycle is found. Needs double precision.
+    """
+    require_double_precision("hunting")
+    hopf = linear_critical(vehicle, damper=damper)
+    if hopf.code.ndim:
+        raise InputError("hunting_branch draws one vehicle; for many use nonlinear_critical, which takes lanes")
+    if int(hopf.code) != Stability.OK:
+        reason = Stability(int(hopf.code)).name.lower()
+        raise NumericalError(f"no branch of limit cycles: straight running has no linear critical speed ({reason})")
+    speed = float(hopf.speed)
+    highest = HIGHEST * speed if highest_speed is None else highest_speed
+    if not highest > ENTRY * speed:
+        raise InputError(f"highest_speed must lie above {ENTRY * speed:.2f} m/s, {ENTRY:g} times the linear critical speed")
+    half = default_steps(vehicle, damper, hopf) if steps is None else steps
+    shooting = Shooting(half if symmetric else 2 * half, default_wheelset(vehicle, wheelset), symmetric)
+    model = Model(without_labels(orbits.rounded(vehicle)), damper)
+    tracer = _Tracer(model, shooting, hopf, largest_step)
+    below, above, folds, note = tracer.pieces(highest)
+    slope = tracer.slope_at_hopf()
+    cycles = {id(point): _limit_cycle(model, shooting, point) for point in (*below, *above, *folds)}
+    pieces = tuple(tuple(cycles[id(point)] for point in piece) for piece in (below, above) if piece)
+    pieces = ((tracer.hopf_point(), *pieces[0]), *pieces[1:])
+    turning = tuple(cycles[id(fold)] for fold in folds)
+    return Branch(
+        vehicle_name=vehicle.name,
+        hopf=hopf,
+        criticality="subcritical" if slope < 0.0 else "supercritical",
+        slope_at_hopf=slope,
+        lyapunov=first_lyapunov_coefficient(vehicle, damper, hopf) if vehicle.contact.law == "smooth" else None,
+        pieces=pieces,
+        folds=turning,
+        events=tuple(event for piece in pieces for event in _events(piece, turning, shooting.symmetric)),
+        note=note,
+        wheelset=shooting.wheelset,
+        model=model,
+        shooting=shooting,
+    )
+
+
+class _Tracer:
+    """Traces the pieces of one vehicle's branch."""
+
+    def __init__(self, model: Model, shooting: Shooting, hopf: LinearCritical, largest_step: float) -> None:
+        self.model, self.shooting, self.largest_step = model, shooting, largest_step
+        self.hopf, self.speed = hopf, jnp.asarray(hopf.speed)
+        shapes, omegas = _modes(model, shooting, self.speed, 1)
+        self.mode = shapes[0], omegas[0]
+        self.clearance = jnp.asarray(entry_amplitude(model.vehicle), float)
+
+    def pieces(self, highest: float) -> tuple[list[Point], list[Point], list[Point], str]:
+        """Limit cycles from the Hopf point on, those that are not connected with it, the folds, and a note.
+
+        From above: the limit cycle to which the vehicle is drawn, up to the highest speed and down past the fold. Where that
+        leads to the Hopf point, it is all; where it turns again on the way, the branch that leaves the Hopf point is another
+        one and is followed by itself up to its own fold.
+        """
+        shape, omega = self.mode
+        start = shape * self.clearance, 2.0 * np.pi / omega, ENTRY * self.speed
+        entry = self._solve(_settled(self.model, self.shooting, *start))
+        if not bool(entry.usable):
+            raise NumericalError(
+                f"no limit cycle found at {ENTRY:g} times the linear critical speed: the motion there is not periodic within "
+                f"{continuation.SETTLING} periods"
+            )
+        upwards = entry._replace(direction=entry.direction * jnp.sign(entry.direction[-1]))
+        up = [entry]
+        for point, _ in self._follow(upwards):
+            up.append(point)
+            if float(point.unknowns[-1]) * SPEED > highest:
+                break
+        down, folds, connected = self._downwards(entry._replace(direction=-upwards.direction))
+        if connected:
+            return [*down[::-1], *up], [], folds, ""
+        # the part beyond the fold belongs to other combinations of bogies
+        at = next((k for k, point in enumerate(down) if folds and point is folds[0]), len(down) - 1)
+        above = down[: at + 1][::-1] + up
+        below, own = self._from_hopf()
+        note = (
+            "The branch from the Hopf point and that of the stable limit cycles are not connected directly: bogies that barely "
+            "feel each other have neighbouring limit cycles in between, in which one hunts less than the other."
+        )
+        return below, above, [*own, *folds[:1]], note
+
+    def _follow(self, start: Point) -> Iterator[tuple[Point, Point | None]]:
+        for count, found in enumerate(follow(self.model, self.shooting, start, self.largest_step)):
+            if count == MOST_POINTS:
+                return
+            yield found
+
+    def _solve(self, problem: Problem) -> Point:
+        return _solved(self.model, self.shooting, problem)
+
+    def _downwards(self, start: Point) -> tuple[list[Point], list[Point], bool]:
+        """Down to small amplitudes or to a second fold: points and folds, in the order met; whether the Hopf point was met."""
+        points, folds = [], []
+        for point, fold in self._follow(start):
+            if fold is not None:
+                folds.append(fold)
+                points.append(fold)
+                if len(folds) == 2:
+                    return points, folds, False
+            points.append(point)
+            if float(point.amplitude) < DOWN_TO * float(self.clearance):
+                return points, folds, True
+        return points, folds, False
+
+    def _from_hopf(self) -> tuple[list[Point], list[Point]]:
+        """From near the Hopf point down to it as far as it goes, and up to the first fold."""
+        start = self._solve(_near_hopf(self.model, self.shooting, *self.mode, self.speed, NEAR_HOPF * self.clearance))
+        if not bool(start.usable):
+            return [], []
+        below, folds = [], []
+        for point, _ in self._follow(start._replace(direction=-start.direction)):
+            # the branch turns before it meets the Hopf point where another mode is near
+            if float(point.amplitude) < DOWN_TO * float(self.clearance) or self._rises(point):
+                break
+            below.append(point)
+        points = [*below[::-1], start]
+        for point, fold in self._follow(start):
+            if fold is not None and float(point.amplitude) > float(start.amplitude):
+                folds.append(fold)
+                points.append(fold)
+                break
+            points.append(point)
+        return points, folds
+
+    def _rises(self, point: Point) -> bool:
+        return float(orbits.plane(self.model, self.shooting, point.direction)[0]) > 0.0
+
+    def slope_at_hopf(self) -> float:
+        """dv/dA of the branch where it leaves the Hopf point, m/s per m."""
+        first = self._solve(_near_hopf(self.model, self.shooting, *self.mode, self.speed, AT_HOPF * self.clearance))
+        amplitude, speed = np.asarray(orbits.plane(self.model, self.shooting, first.direction))
+        if not bool(first.usable):
+            raise NumericalError("no limit cycle found near the Hopf point")
+        return float(speed / amplitude) * SPEED / orbits.DISPLACEMENT
+
+    def hopf_point(self) -> LimitCycle:
+        """The Hopf point as a limit cycle of no amplitude."""
+        states = orbits.scales(self.model).shape[0]
+        period = 1.0 / float(self.hopf.frequency)
+        matrix = np.asarray(state_matrix(self.model.vehicle, float(self.speed), self.model.damper))
+        growth = np.linalg.eigvals(matrix) * period
+        half = np.exp(0.5 * growth) * -1.0 if self.shooting.symmetric else np.exp(growth)
+        nothing = np.zeros(states)
+        unknowns = np.append(np.zeros(states - 1), [period / PERIOD, float(self.speed) / SPEED])
+        found = floquet(self.shooting, half)
+        return LimitCycle(float(self.speed), 0.0, 1.0 / period, found, nothing, 0.0, unknowns)
+
+
+def _limit_cycle(model: Model, shooting: Shooting, point: Point) -> LimitCycle:
+    orbit = orbits.unpack(model, shooting, point.unknowns)
+    return LimitCycle(
+        float(orbit.speed),
+        _largest_displacement(model, shooting, orbit),
+        1.0 / float(orbit.period),
+        multipliers_of(shooting, np.asarray(point.monodromy)),
+        np.asarray(orbit.state),
+        float(point.residual),
+        np.asarray(point.unknowns),
+    )
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _peak(model: Model, shooting: Shooting, orbit: orbits.Orbit) -> Float[Array, ""]:
+    y = orbits.history(model, shooting, orbit)[:, orbits.amplitude_index(model.vehicle, shooting.wheelset)]
+    return jnp.max(jnp.abs(y))
+
+
+def _largest_displacement(model: Model, shooting: Shooting, orbit: orbits.Orbit) -> float:
+    """Of the wheelset over the period, m; more than at the turning point where it turns more than twice."""
+    return float(_peak(model, shooting, orbit))
+
+
+def _events(piece: tuple[LimitCycle, ...], folds: tuple[LimitCycle, ...], symmetric: bool) -> Iterator[Event]:
+    """Where multipliers cross the unit circle between two points, but at folds."""
+    special = {id(fold) for fold in folds} | {id(point) for point in piece if point.amplitude == 0.0}
+    for one, other in itertools.pairwise(piece):
+        outside = [int(np.sum(np.abs(point.floquet.half[1:]) > 1.0)) for point in (one, other)]
+        if outside[0] == outside[1] or id(one) in special or id(other) in special:
+            continue
+        # the one that crosses is, on the side where it is outside, the one nearest to the circle
+        more = one if outside[0] > outside[1] else other
+        beyond = more.floquet.half[1:][np.abs(more.floquet.half[1:]) > 1.0]
+        crossing = beyond[np.argmin(np.abs(beyond))]
+        if abs(crossing.imag) > 1e-6:
+            kind = "Neimark-Sacker"
+        elif crossing.real < 0.0:
+            kind = "loss of symmetry" if symmetric else "period doubling"
+        else:
+            kind = "branch point"
+        yield Event(kind, 0.5 * (one.speed + other.speed), 0.5 * (one.amplitude + other.amplitude))

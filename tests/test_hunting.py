@@ -1,0 +1,256 @@
+"""Limit cycles and their branch against simulations, closed forms, finite differences and published results."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import railjax
+from railjax import orbits
+from railjax.cli import status
+from railjax.hunting import Branch
+from railjax.orbits import Model, Orbit, Shooting
+from railjax.units import KMH
+from railjax.vehicle import without_labels
+
+
+@pytest.fixture(scope="module")
+def branch(coach: railjax.Vehicle) -> Branch:
+    return railjax.hunting_branch(coach, highest_speed=300 / KMH)
+
+
+@pytest.fixture(scope="module")
+def bogie() -> railjax.Vehicle:
+    return railjax.load_vehicle("cooperrider-bogie")
+
+
+@pytest.fixture(scope="module")
+def bogie_branch(bogie: railjax.Vehicle) -> Branch:
+    return railjax.hunting_branch(bogie)
+
+
+def test_branch_of_the_coach_meets_the_reported_points(branch):
+    assert abs(float(branch.hopf.speed) * KMH - 245.6) < 0.1
+    assert branch.criticality == "subcritical" and branch.slope_at_hopf < 0
+    assert abs(branch.fold.speed * KMH - 234.2) < 0.1
+    assert abs(branch.fold.amplitude * 1e3 - 9.0) < 0.05
+    assert branch.speed.max() * KMH >= 300.0
+    assert branch.lyapunov is None  # the published law is not smooth at zero creep
+
+
+def test_branch_is_unstable_below_the_fold_and_stable_above(branch):
+    below, above = branch.pieces
+    assert not any(point.stable for point in below[1:])
+    assert all(point.stable for point in above if point.speed > 1.002 * branch.fold.speed)
+    # without a gap: no step is longer than 1 mm or 10 m/s times the largest step
+    for piece in branch.pieces:
+        steps = np.hypot(np.diff([p.amplitude for p in piece]) * 1e3, np.diff([p.speed for p in piece]) / 10)
+        assert steps[1:].max() < 0.4
+    # the pieces meet at the fold, as far as the two bogies are alike
+    assert abs(below[-1].speed - branch.fold.speed) * KMH < 0.1
+
+
+def test_multipliers_are_credible(branch):
+    assert max(point.floquet.error for point in branch.points if point.amplitude < 8.7e-3) < 1e-7
+    # flange corners within steps of fixed length: the error bar that is printed beside the multipliers
+    assert max(point.floquet.error for point in branch.points) < 0.03
+    assert max(point.residual for point in branch.points) < 1e-7
+
+
+def turning_points(run, index: int) -> tuple[float, float]:
+    """Amplitude (m) and frequency (Hz) of the last part of a run, by parabolas through the extremes and by zero crossings."""
+    y, time = np.asarray(run["wheelset_y"])[:, index], np.asarray(run.time)
+    k = np.flatnonzero((np.abs(y[1:-1]) >= np.abs(y[:-2])) & (np.abs(y[1:-1]) > np.abs(y[2:]))) + 1
+    a, b, c = np.abs(y[k - 1]), np.abs(y[k]), np.abs(y[k + 1])
+    peaks = b - (c - a) ** 2 / (8.0 * (a - 2.0 * b + c))
+    up = np.flatnonzero((y[:-1] < 0) & (y[1:] >= 0))
+    crossings = time[up] - y[up] * (time[up + 1] - time[up]) / (y[up + 1] - y[up])
+    return float(peaks.max()), float((len(crossings) - 1) / (crossings[-1] - crossings[0]))
+
+
+@pytest.mark.parametrize("kmh", [236.0, 245.0, 255.0, 270.0, 290.0])
+def test_stable_limit_cycles_agree_with_long_simulations(coach, branch, kmh):
+    cycle = branch.at(kmh / KMH)
+    assert cycle.stable and abs(cycle.speed - kmh / KMH) < 1e-9
+    # from the orbit pushed off it by a twentieth, so that the simulation must find its own way back
+    run = railjax.simulate(
+        coach, kmh / KMH, duration=40.0, dt=5e-4, initial=1.05 * cycle.state, record=["wheelset_y"], sample=1e-3
+    )
+    amplitude, frequency = turning_points(_tail(run, 4.0), branch.wheelset)
+    assert amplitude == pytest.approx(cycle.amplitude, rel=1e-3)
+    assert frequency == pytest.approx(cycle.frequency, rel=1e-4)
+
+
+def _tail(run: railjax.Simulation, seconds: float) -> dict:
+    shown = np.asarray(run.time) >= float(run.time[-1]) - seconds
+
+    class Tail(dict):
+        time = np.asarray(run.time)[shown]
+
+    return Tail(wheelset_y=np.asarray(run["wheelset_y"])[shown])
+
+
+@pytest.mark.parametrize("kmh", [236.0, 240.0, 244.0])
+def test_unstable_limit_cycles_divide_rest_from_hunting(coach, branch, kmh):
+    """All wheelsets' motion scaled a little below the unstable orbit dies out, a little above it grows."""
+    cycle = branch.at(kmh / KMH, stable=False)
+    scales = jnp.array([0.995, 1.005])
+    run = railjax.simulate(
+        coach,
+        kmh / KMH,
+        duration=60.0,
+        dt=5e-4,
+        initial=jnp.asarray(cycle.state)[:, None] * scales,
+        record=(),
+        reduce=["peak:wheelset_y"],
+        settle=55.0,
+    )
+    rest, hunts = np.asarray(run["peak:wheelset_y"]).max(axis=0)
+    assert rest < 0.2 * cycle.amplitude
+    assert hunts > 8e-3
+
+
+def test_cooperrider_bogie_settles_on_the_computed_cycle_or_at_rest(bogie, bogie_branch):
+    """Kaas-Petersen's bogie: hunts at 70 m/s from y1 = 0.1 m, comes to rest at 60 m/s (bifurcation.de, exd10)."""
+    assert abs(float(bogie_branch.hopf.speed) - 68.66) < 0.05
+    assert bogie_branch.criticality == "subcritical"
+    start = {"wheelset_y": jnp.array([0.1, 0.0])}
+    at_70 = railjax.simulate(bogie, 70.0, duration=60.0, dt=5e-4, initial=start, record=["wheelset_y"], sample=1e-3)
+    amplitude, frequency = turning_points(_tail(at_70, 5.0), 0)
+    cycle = bogie_branch.at(70.0)
+    assert amplitude == pytest.approx(cycle.amplitude, rel=1e-3)
+    assert frequency == pytest.approx(cycle.frequency, rel=1e-4)
+    at_60 = railjax.simulate(bogie, 60.0, duration=60.0, initial=start, record=["wheelset_y"], sample=0.01)
+    assert np.abs(np.asarray(at_60["wheelset_y"])[-100:]).max() < 1e-6
+
+
+def test_a_single_bogie_has_one_connected_branch(bogie_branch):
+    assert len(bogie_branch.folds) == 1 and not bogie_branch.note
+    assert bogie_branch.amplitude[1] < 0.03 * 9.1e-3  # down to the Hopf point
+
+
+def test_amplitude_grows_in_proportion_to_the_speed_difference_at_the_hopf_point(bogie_branch):
+    """Vermeulen and Johnson's factor 1 - u/3 is not smooth at zero: v - v_H is linear in A, not quadratic."""
+    small = [point for point in bogie_branch.pieces[0][1:] if point.amplitude < 0.8e-3]
+    slopes = [(point.speed - float(bogie_branch.hopf.speed)) / point.amplitude for point in small]
+    np.testing.assert_allclose(slopes, bogie_branch.slope_at_hopf, rtol=0.1)
+
+
+def test_half_and_whole_period_agree(bogie, bogie_branch):
+    cycle = bogie_branch.at(70.0)
+    model = Model(without_labels(orbits.rounded(bogie)), railjax.PassiveDamper())
+    whole = Shooting(2 * bogie_branch.shooting.steps, 0, symmetric=False)
+    orbit = Orbit(jnp.asarray(cycle.state), 1.0 / cycle.frequency, jnp.asarray(70.0))
+    guess = orbits.pack(model, whole, orbit)
+    problem = orbits.Problem(guess, orbits.row_of(model, whole, orbits.BY_SPEED), jnp.asarray(70.0 / orbits.SPEED))
+    point = jax.jit(orbits.solved, static_argnums=1)(model, whole, problem)
+    assert bool(point.usable)
+    assert float(point.amplitude) == pytest.approx(cycle.amplitude, rel=1e-7)
+    squares = orbits.multipliers_of(whole, np.asarray(point.monodromy)).multipliers
+    np.testing.assert_allclose(np.abs(squares[1:6]), np.abs(cycle.floquet.multipliers[1:6]), atol=2e-3)
+
+
+def test_monodromy_against_finite_differences(bogie, bogie_branch):
+    """Columns of the half period's derivative, by differences of the flow from the orbit of the unstable branch."""
+    cycle = bogie_branch.at(66.9, stable=False)
+    model = Model(without_labels(orbits.rounded(bogie)), railjax.PassiveDamper())
+    shooting = bogie_branch.shooting
+    scale = orbits.scales(model)
+
+    @jax.jit
+    def arrive(scaled):
+        return orbits.section(model, shooting, Orbit(scaled * scale, jnp.asarray(1.0 / cycle.frequency), jnp.asarray(cycle.speed)))
+
+    start, step = cycle.state / scale, 1e-6
+    numeric = np.array([(arrive(start + step * e) - arrive(start - step * e)) / (2 * step) for e in np.eye(len(start))]).T
+    half = orbits.multipliers_of(shooting, numeric)
+    np.testing.assert_allclose(half.multipliers[:4], cycle.floquet.multipliers[:4], atol=1e-5)
+
+
+def test_lyapunov_coefficient_predicts_the_smooth_branch(bogie):
+    """v - v_H = -l_1 |z|² / Re(dlambda/dv) with amplitude 2 |z| |q|, from the branch itself at small amplitude."""
+    # a narrow corner of the flange, which else gives a little stiffness at rest already
+    smooth = railjax.replace(bogie, contact__law="smooth", contact__creep_width=0.3, contact__flange_width=1e-6)
+    branch = railjax.hunting_branch(smooth, highest_speed=72.0)
+    assert branch.lyapunov > 0 and branch.criticality == "subcritical"
+    modes = railjax.modes(smooth, float(branch.hopf.speed))
+    shape = np.abs(modes.shapes[:, np.argmin(np.abs(modes.eigenvalues.real))])
+    wheelset = shape[modes.coordinates.index("wheelset_y[0]")] / shape.max()
+    point = branch.pieces[0][2]
+    assert 0.2e-3 < point.amplitude < 0.4e-3
+    z = point.amplitude / (2.0 * wheelset)
+    predicted = -branch.lyapunov * z**2 / float(branch.hopf.growth_per_speed)
+    assert point.speed - float(branch.hopf.speed) == pytest.approx(predicted, rel=0.1)
+
+
+def test_lyapunov_coefficient_is_refused_for_the_published_law(bogie):
+    with pytest.raises(railjax.InputError, match="smooth"):
+        railjax.first_lyapunov_coefficient(bogie)
+
+
+def test_ramp_shows_the_same_hysteresis(coach, branch):
+    ramp = railjax.speed_ramp(coach, 230 / KMH, 252 / KMH, rate=0.04)
+    assert branch.fold.speed * KMH - 1.5 < ramp.stops * KMH < branch.fold.speed * KMH
+    assert 0.0 < ramp.starts * KMH - float(branch.hopf.speed) * KMH < 6.0
+    on = ramp.down_speed > 1.005 * branch.fold.speed
+    stable = sorted((p.speed, p.amplitude) for p in branch.points if p.stable and p.amplitude > 0)
+    np.testing.assert_allclose(ramp.down_amplitude[on], np.interp(ramp.down_speed[on], *np.array(stable).T), rtol=5e-3)
+
+
+def test_orbits_with_a_damper_in_the_loop(bogie):
+    """Any damper law takes part: twice rho_cy through the damper is twice rho_cy in the vehicle."""
+    own = float(bogie.secondary.damping_y)
+    twice = railjax.replace(bogie, secondary__damping_y=2.0 * own)
+    damper = railjax.PassiveDamper(2.0 * own)
+    at = [railjax.nonlinear_critical(twice).speed, railjax.nonlinear_critical(bogie, damper=damper).speed]
+    assert float(at[0]) == pytest.approx(float(at[1]), rel=1e-9)
+
+
+def test_states_without_a_side_are_not_mirrored(bogie):
+    class WithCommand(railjax.PassiveDamper):
+        internal_states = 2
+        even_states = (1,)
+
+    signs = orbits.mirror(Model(bogie, WithCommand()))
+    assert list(signs[14:]) == [-1.0, 1.0]
+
+
+def test_bad_requests_are_one_line(coach, branch):
+    with pytest.raises(railjax.InputError, match="no stable limit cycle at 100"):
+        branch.at(100 / KMH)
+    with pytest.raises(railjax.InputError, match="highest_speed"):
+        railjax.hunting_branch(coach, highest_speed=10.0)
+    with pytest.raises(railjax.InputError, match="wheelset"):
+        railjax.hunting_branch(coach, wheelset=4)
+    with pytest.raises(railjax.InputError, match="rising"):
+        railjax.speed_ramp(coach, 70.0, 60.0)
+    linear = railjax.replace(coach, primary__stiffness_x=0.0, primary__stiffness_y=0.0)
+    with pytest.raises(railjax.NumericalError, match="no linear critical speed|no limit cycle"):
+        railjax.hunting_branch(linear)
+
+
+def test_diagram_and_dataset(branch, tmp_path):
+    from railjax.plots import figure
+
+    data = branch.to_xarray()
+    assert data.sizes["point"] == len(branch.points) and data["amplitude"].attrs["units"] == "m"
+    with figure() as (page, axes):
+        branch.plot(axes[0, 0])
+        page.savefig(tmp_path / "diagram.png")
+    dashed = [line for line in axes[0, 0].lines if line.get_linestyle() == "--"]
+    assert dashed and axes[0, 0].get_xlabel() == "speed, km/h"
+    assert "subcritical" in str(branch) and "234." in str(branch)
+
+
+def test_command_line(capsys, tmp_path):
+    import json
+
+    assert status(["hunting", "cooperrider-bogie", "--json", "--out", str(tmp_path / "points.csv")]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["hopf_kmh"] == pytest.approx(68.66 * KMH, abs=0.2)
+    assert content["criticality"] == "subcritical" and content["fold_kmh"] < content["hopf_kmh"]
+    assert set(content["branch"][0]) >= {"speed_kmh", "amplitude_mm", "frequency_hz", "stable", "largest_multiplier"}
+    assert len((tmp_path / "points.csv").read_text().splitlines()) == len(content["branch"]) + 1
+    assert status(["hunting", "coach", "--wheelset", "9"]) == 2
+    assert status(["hunting", "coach", "--out", "diagram.doc"]) == 2
+    assert "railjax: --out" in capsys.readouterr().err
