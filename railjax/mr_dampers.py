@@ -52,7 +52,7 @@ class BoucWenDamper:
 
     Internal states of the sharp law: y; z and s = x - y at the start of the step; u; the decision. The loop's own rate, 2 √(A(β + γ))|x'|
     (9e3 1/s at 0.1 m/s), is no bound on dt: within a step z follows from z and s at its start in closed form (`bouc_wen.along_path`),
-    so that the vehicle feels a spring and RK4 keeps its order but where the damper turns. Needs n = 2.
+    so that the vehicle feels a spring. Observed order through turns about 2 at constant voltage. Needs n = 2.
     The smooth law integrates eq. (14) itself, with |x' - y'| rounded: states y, z, u; dt 0.1 ms and less.
     """
 
