@@ -134,6 +134,21 @@ def test_gradient(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> Non
     assert ratio <= GRADIENT_LIMIT
 
 
+MAP_LIMIT = 12.0  # s, on two cores
+
+
+def test_speed_gain_map(benchmark: Any, coach: railjax.Vehicle, note: Callable) -> None:
+    """64 speeds and 64 gains of balance logic, 10 s each in steps of 1 ms."""
+    from railjax.paper_semiactive import speed_gain_map
+
+    speed_gain_map(coach)
+    rms = benchmark.pedantic(speed_gain_map, args=(coach,), rounds=2)
+    assert rms.shape == (64, 64)
+    seconds = benchmark.stats.stats.min
+    note(seconds=seconds, steps_per_s=4096 * 10_000 / seconds)
+    assert seconds <= MAP_LIMIT
+
+
 FIRST_CALL = """
 import time
 start = time.perf_counter()

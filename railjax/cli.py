@@ -202,7 +202,7 @@ def simulate(
     from .units import KMH
 
     _finite(speed_kmh=speed_kmh, wavelength_m=wavelength_m, bump_m=bump_m, duration_s=duration_s, dt_s=dt_s)
-    _finite(positive=False, amplitude_mm=amplitude_mm)
+    _finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha)
     loaded = _load(vehicle)
     if out is not None and out.suffix not in (".csv", ".nc", ".png"):
         raise InputError(f"--out {out}: the name must end in .csv, .nc or .png")

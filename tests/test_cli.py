@@ -253,3 +253,39 @@ def test_exit_status_of_the_process(tmp_path):
     assert one_json_object(good.stdout)["linear_kmh"] == pytest.approx(245.6, abs=0.1)
     bad = process("critical-speed", "koach")
     refused((bad.returncode, bad.stdout, bad.stderr), "did you mean 'coach'?")
+
+
+def test_simulate_with_a_controlled_damper(run):
+    reductions = {}
+    for damper in ("passive", "balance-logic", "passive-soft"):
+        content = one_json_object(run(*SHORT, "--duration-s", 3, "--speed-kmh", 220, "--damper", damper, "--json")[1])
+        assert content["damper"] == damper
+        assert any("damper" in entry for entry in content["assumed"]) == (damper != "passive")
+        reductions[damper] = content["reductions"]["rms:carbody_acceleration"]
+    assert reductions["balance-logic"] < reductions["passive-soft"] < reductions["passive"]
+
+
+@pytest.mark.parametrize(
+    ("options", "pieces"),
+    [
+        (["--damper", "skyhok"], ["--damper 'skyhok'", "did you mean skyhook?"]),
+        (["--damper", "skyhook", "--alpha", "1"], ["--alpha is for balance-logic and hybrid"]),
+        (["--damper", "hybrid", "--alpha", "nan"], ["--alpha must be a finite number"]),
+        (["--damper", "hybrid", "--alpha", "-1"], ["alpha must not be negative"]),
+    ],
+)
+def test_bad_dampers_are_refused(run, options, pieces):
+    refused(run(*SHORT, *options), *pieces)
+
+
+def test_a_damper_needs_a_secondary_suspension(run):
+    refused(run("simulate", "single-wheelset", "--damper", "skyhook", "--record", "wheelset_y"), "no secondary suspension")
+
+
+def test_every_damper_of_the_command_line_can_be_made(coach):
+    from railjax.cli_simulate import DAMPERS, make_damper
+    from railjax.dampers import Damper
+
+    for name in DAMPERS:
+        made = make_damper(name, coach, 60.0, 0.5 if name in ("balance-logic", "hybrid") else None)
+        assert isinstance(made, Damper)

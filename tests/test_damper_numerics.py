@@ -1,0 +1,100 @@
+"""Numerics of the dampers: observed order in dt, derivatives of every smooth law, a gradient through a run."""
+
+import dataclasses
+
+import derivatives
+import jax
+import jax.numpy as jnp
+import laws
+import numpy as np
+import pytest
+from laws import ALL, CONTROLLED, MR, K, with_law
+
+import railjax
+from railjax.simulate import initial_state
+from railjax.vehicle import without_labels
+
+START = {"wheelset_y": [6e-3, 5e-3, -4e-3, 3e-3], "bogie_psi": [1e-3, -1e-3], "carbody_y": 5e-3}
+
+
+def errors_of(vehicle, damper, counts, fine):
+    """Of the coordinates and their rates after 0.3 s, by number of steps."""
+    x = initial_state(vehicle, damper, START)
+    exact = laws.final(vehicle, damper, x, 0.3, fine)
+    weight = jnp.concatenate([jnp.full(17, 50.0), jnp.ones(17)])
+    return [float(jnp.linalg.norm((laws.final(vehicle, damper, x, 0.3, int(n)) - exact)[:34] * weight)) for n in counts]
+
+
+def observed_order(counts, errors):
+    return -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+
+
+@pytest.fixture(scope="module")
+def linear(coach):
+    return without_labels(railjax.replace(coach, contact__law="linear"))
+
+
+@pytest.mark.parametrize("name", ["balance", "skyhook, continuous", "mixed", "hybrid"])
+def test_held_decisions_are_of_first_order(linear, name):
+    """Up to one step late, by chance: the order shows over a decade of steps."""
+    counts = np.round(np.geomspace(200, 2000, 9)).astype(int)
+    assert 0.6 < observed_order(counts, errors_of(linear, ALL[name], counts, 40_000)) < 1.6
+
+
+@pytest.mark.parametrize(
+    ("name", "order"), [("balance, lags", 4.0), ("skyhook, continuous", 4.0), ("mixed", 4.0), ("hybrid", 3.0)]
+)
+def test_smooth_twins_are_of_fourth_order(linear, name, order):
+    """With widths that the steps resolve; the orifice's v |v| leaves the hybrid damper a jump in the second derivative."""
+    wide = {"velocity_width": 0.1} | ({"travel_width": 5e-3} if name == "hybrid" else {"signal_width": 1.0})
+    damper = dataclasses.replace(ALL[name], law="smooth", **wide)
+    if name == "hybrid":  # the stroke's own corners
+        damper = dataclasses.replace(damper, pilot=dataclasses.replace(damper.pilot, stroke_width=2e-4))
+    counts = np.array([150, 212, 300, 424])
+    assert observed_order(counts, errors_of(linear, damper, counts, 4000)) == pytest.approx(order, abs=0.4)
+
+
+@pytest.mark.parametrize("name", [*ALL, "maxwell"])
+def test_derivatives_of_the_smooth_laws(coach, name):
+    """With respect to the motion and the internal states: at rest, at zero velocity, at zero travel and in motion."""
+    damper = with_law(ALL[name], "smooth") if name != "maxwell" else railjax.MaxwellDamper(25e3, 5e6, 0.1, 5e3, law="smooth")
+    if name in MR:
+        damper = dataclasses.replace(damper, travel_width=2e-3)
+    states = damper.internal_states
+    seen = laws.instant(coach, CONTROLLED["balance"], 1, lanes=(4,))[3]
+    scale = np.linspace(1.0, 3.0, states).reshape(states, 1, 1)
+    # so that no error at one point makes up for one at another
+    weight = np.array([1.0, 1.3, 1.7, 2.3])
+
+    def both(travel, velocity, internal, body):
+        moving = seen._replace(rates=seen.rates | {"carbody_y": body})
+        pair = jnp.ones((2, 1))
+        force, rate = laws.force(coach, damper, travel * pair, velocity * pair, internal * scale * pair, moving)
+        return jnp.sum(weight * force) / 1e3 + jnp.sum(weight * rate)
+
+    points = [0.0, 0.01, 0.0, -0.012], [0.0, 0.0, 0.1, 0.15], [0.0, 1e-4, 1e-4, 2e-4], [0.03, 0.0, -0.02, 0.04]
+    derivatives.check(both, *points, step=1e-7, rtol=2e-5, atol=2e-3)
+
+
+def test_gradient_through_a_run(smooth):
+    """With respect to gain, stiffness and lag: reverse mode against differences."""
+    track = railjax.SinusoidTrack(3e-3, 20.0)
+
+    @jax.jit
+    def both(values):
+        def objective(values):
+            alpha, stiffness, lag = values
+            vehicle = railjax.replace(smooth, secondary__stiffness_y=stiffness)
+            damper = railjax.BalanceLogic(alpha, sensor_lag=lag, law="smooth")
+            reduce = ["rms:carbody_acceleration"]
+            run = railjax.simulate(vehicle, 50.0, track=track, damper=damper, duration=0.3, record=[], sample=0.1, reduce=reduce)
+            return run["rms:carbody_acceleration"]
+
+        return jax.value_and_grad(objective)(values)
+
+    values = jnp.array([0.6, K, 5e-3])
+    reverse = both(values)[1]
+    for k, value in enumerate(values):
+        h = 1e-5 * float(value)
+        numeric = (float(both(values.at[k].add(h))[0]) - float(both(values.at[k].add(-h))[0])) / (2 * h)
+        assert float(reverse[k]) == pytest.approx(numeric, rel=1e-4)

@@ -1,0 +1,223 @@
+"""Semi-active laws: closed forms, dissipation, symmetry, the hold over a step, lanes, the regulator."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import laws
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from laws import ALL, CONTROLLED, K, with_law
+
+import railjax
+from railjax.dampers import HARD, SOFT
+from railjax.integrate import fastest_rate
+
+H, L = 1.24, 8.6  # h_cc, l
+LAWS = ["sharp", "smooth"]
+
+
+def above(groups):
+    """The car body's lateral motion above each bogie, by hand."""
+    y, psi, phi = (np.asarray(groups[f"carbody_{name}"]) for name in ("y", "psi", "phi"))
+    return np.stack([y + H * phi + L * psi, y + H * phi - L * psi])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_sharp_laws_by_hand(coach, seed):
+    """Eqs. (10)-(11) and the published rules, in NumPy."""
+    for name, damper in CONTROLLED.items():
+        if "lags" in name:
+            continue
+        travel, velocity, internal, seen = laws.instant(coach, damper, seed)
+        found, _ = laws.force(coach, damper, travel, velocity, internal, seen)
+        d, v, body = np.asarray(travel), np.asarray(velocity), above(seen.rates)
+        if name == "balance":
+            expected = np.where(d * v < 0, 2 * 0.7 * K * np.abs(d) * np.sign(v), 0.0)
+        elif name == "balance, limited, soft":
+            expected = np.where(d * v < 0, np.minimum(2 * 1.2 * K * np.abs(d), 2e3) * np.sign(v), 2 * 4e3 * v)
+        elif name == "skyhook":
+            expected = 2 * np.where(body * v > 0, HARD, SOFT) * v
+        elif name == "skyhook, continuous":
+            expected = 2 * np.clip(40e3 * body / v, SOFT, HARD) * v
+        else:
+            acceleration = (body - np.asarray(internal)[-1]) / 5e-3
+            fast = np.abs(acceleration) > 3 * np.pi * np.abs(body)
+            signal = acceleration if name == "ADD" else np.where(fast, acceleration, body)
+            expected = 2 * np.where(signal * v > 0, HARD, SOFT) * v
+        np.testing.assert_allclose(np.asarray(found), expected, rtol=1e-12, atol=1e-9, err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def powers(coach):
+    """Power taken out at random motions of 64 lanes, compiled once per law."""
+    compiled = {}
+
+    def power(name, law, seed, scale):
+        damper = with_law(ALL[name], law)
+        if (name, law) not in compiled:
+            compiled[name, law] = jax.jit(lambda *given: laws.force(coach, damper, *given)[0] * given[1])
+        return np.asarray(compiled[name, law](*laws.instant(coach, damper, seed, scale, (64,))))
+
+    return power
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), exponent=st.floats(-7.0, -1.0))
+def test_energy_is_only_taken_out(powers, seed, exponent):
+    """Of every law, sharp and smooth, at every instant, whatever the internal states; down to the last bit.
+
+    (Bouc-Wen stores energy in its springs; its balance is in test_mr_dampers.)
+    """
+    for name in ALL:
+        for law in LAWS if name != "bouc-wen" else []:
+            assert powers(name, law, seed, 10.0**exponent).min() >= 0.0, (name, law)
+
+
+@pytest.mark.parametrize("name", ["balance", "skyhook", "skyhook, continuous", "ADD"])
+def test_smooth_twin_tends_to_the_sharp_law(coach, name):
+    errors = []
+    travel, velocity, internal, seen = laws.instant(coach, CONTROLLED[name], 3, lanes=(500,))
+    sharp, _ = laws.force(coach, CONTROLLED[name], travel, velocity, internal, seen)
+    for width in (1e-2, 1e-3):
+        twin = dataclasses.replace(CONTROLLED[name], law="smooth", signal_width=4 * width, velocity_width=width)
+        smooth, _ = laws.force(coach, twin, travel, velocity, internal[2:], seen)
+        errors.append(np.mean(np.abs(np.asarray(smooth - sharp))) / np.mean(np.abs(np.asarray(sharp))))
+    assert errors[0] < 0.15
+    assert errors[1] < 0.2 * errors[0]
+
+
+@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("law", LAWS)
+def test_the_law_has_no_side(coach, name, law):
+    """Mirrored motion and mirrored internal states, but for the even ones, give the mirrored force and rates."""
+    damper = with_law(ALL[name], law)
+    travel, velocity, internal, seen = laws.instant(coach, damper, 7)
+    signs = np.full(damper.internal_states, -1.0)
+    signs[list(damper.even_states)] = 1.0
+    signs = signs[:, None]
+    mirrored = jax.tree.map(lambda leaf: -leaf, (travel, velocity, seen))
+    force, rate = laws.force(coach, damper, travel, velocity, internal, seen)
+    other, back = laws.force(coach, damper, mirrored[0], mirrored[1], signs * internal, mirrored[2])
+    np.testing.assert_allclose(other, -force, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(back, signs * rate, rtol=1e-12, atol=1e-12 * float(jnp.max(jnp.abs(rate), initial=1.0)))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_decision_is_held_and_deciding_twice_changes_nothing(coach, name):
+    damper = ALL[name]
+    travel, velocity, internal, seen = laws.instant(coach, damper, 5)
+    once = damper.held(coach, travel, velocity, internal, seen)
+    np.testing.assert_allclose(damper.held(coach, travel, velocity, once, seen), once, rtol=1e-12)
+    # later in the step, the suspension having turned: the decision is the same, and nothing moves it
+    arguments = (coach, -travel, -velocity, once) + ((seen,) if getattr(damper, "observes", False) else ())
+    _, rate = damper.force(*arguments)
+    decided = 4 if name == "bouc-wen" else 1 if name == "hybrid" else 0
+    assert np.all(np.asarray(rate)[decided] == 0.0)
+    again = damper.held(coach, -travel, velocity, once, seen)
+    if name in ("balance", "bouc-wen", "hybrid"):
+        np.testing.assert_allclose(np.asarray(again)[decided], 1.0 - np.asarray(once)[decided])
+
+
+@pytest.mark.parametrize("alpha", [0.3, 1.0])
+def test_loss_per_cycle_is_that_of_a_damping_ratio_alpha_over_2_pi(coach, alpha):
+    """Two quarters of a cycle at 2 α k |x|: α (2 k) X², at any frequency."""
+    phase = np.linspace(0.0, 2 * np.pi, 20001)[:-1]
+    amplitude = 0.02
+    for omega in (3.0, 30.0):
+        travel = jnp.asarray(np.stack([amplitude * np.sin(phase)] * 2))
+        velocity = jnp.asarray(np.stack([amplitude * omega * np.cos(phase)] * 2))
+        seen = laws.instant(coach, CONTROLLED["balance"], 0, lanes=(len(phase),))[3]
+        force, _ = laws.force(coach, railjax.BalanceLogic(alpha), travel, velocity, jnp.zeros((2, 2, len(phase))), seen)
+        loss = np.sum(np.asarray(force * velocity)[0]) * (2 * np.pi / omega / len(phase))
+        assert loss == pytest.approx(alpha * 2 * K * amplitude**2, rel=1e-3)
+
+
+def test_lanes_are_single_runs(coach):
+    """A batch over speeds and gains, by lanes and by `vmap`; every instant dissipates with its fresh decision."""
+    options = {"track": railjax.SinusoidTrack(4e-3, 20.0), "duration": 0.3, "record": ["damper_force", "secondary_velocity"]}
+
+    def run(speed, gain):
+        return railjax.simulate(coach, speed, damper=railjax.BalanceLogic(gain), **options).channels
+
+    gains, speeds = jnp.array([0.2, 0.9]), jnp.array([45.0, 60.0])
+    batch, mapped = run(speeds, gains), jax.vmap(run)(speeds, gains)
+    alone = jnp.moveaxis(mapped["damper_force"], 0, -1)
+    np.testing.assert_allclose(batch["damper_force"], alone, rtol=1e-8, atol=1e-6)
+    assert float(jnp.min(batch["damper_force"] * batch["secondary_velocity"])) >= 0.0
+
+
+def test_bound_on_the_step_sees_what_rest_does_not_show(coach):
+    """The smooth law is a damper of 2 k 50 mm/w between bogie (2300 kg; roll makes it lighter) and car body; lanes are marked, a single run is refused."""
+    narrow = railjax.BalanceLogic(1.0, law="smooth", velocity_width=1e-4)
+    rate = float(fastest_rate(coach, 50.0, narrow))
+    assert 1.0 < rate / (2 * K * 0.05 / 1e-4 / 2300) < 1.4
+    with pytest.raises(railjax.InputError, match="too large for RK4"):
+        railjax.simulate(coach, 50.0, damper=narrow, duration=0.1)
+    both = railjax.simulate(coach, jnp.array([50.0, 51.0]), damper=narrow, duration=0.1)
+    assert [int(code) for code in both.code] == [railjax.Result.STEP_TOO_LARGE] * 2
+
+
+def independent_plant(coach, speed):
+    """A, B (per kN of each bogie's dampers), outputs: accelerations above the bogies, travels; by hand."""
+    a = np.asarray(railjax.state_matrix(coach, speed, railjax.PassiveDamper(0.0)))
+    travel = np.zeros((2, 17))
+    for j, side in enumerate((1.0, -1.0)):
+        travel[j, [0, 1, 2, 3 + j, 7 + j]] = 1.0, side * L, H, -1.0, 0.06
+    mass = np.diag(np.asarray(railjax.matrices(coach, speed).mass))
+    b = np.vstack([np.zeros((17, 2)), -1e3 * travel.T / mass[:, None]])
+    body = np.array([[1.0, L, H], [1.0, -L, H]])
+    return a, b, np.hstack([np.zeros((2, 0)), body @ a[17:20]]), body @ b[17:20], travel
+
+
+def test_regulator_is_optimal(coach):
+    """J(K) by Lyapunov's equation for an independent plant: stationary at the gain, and the unstable coach is stabilised."""
+    speed, w_t, w_f = 250.0 / 3.6, 10.0, 0.05
+    a, b, c, d, travel = independent_plant(coach, speed)
+    assert np.linalg.eigvals(a).real.max() > 0.0
+    gain = np.asarray(railjax.ClippedLQR.design(coach, speed, travel_weight=w_t, force_weight=w_f).feedback) / 1e3
+
+    def cost(gain):
+        # u = D in kN = gain x
+        closed = a + b @ gain
+        assert np.linalg.eigvals(closed).real.max() < 0.0
+        output = np.vstack([c + d @ gain, np.hstack([w_t * travel, np.zeros((2, 17))]), w_f * gain])
+        return np.trace(scipy.linalg.solve_continuous_lyapunov(closed.T, -output.T @ output) @ noise)
+
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(34, 34)) * np.repeat([1e-3, 2e-2], 17)[:, None]
+    noise = root @ root.T
+    best = cost(gain)
+    for _ in range(4):
+        change = 1e-3 * rng.normal(size=gain.shape) * np.abs(gain)
+        up, down = cost(gain + change), cost(gain - change)
+        assert min(up, down) >= best * (1 - 1e-9)
+        assert abs(up - down) < 0.05 * (up + down - 2 * best) + 1e-7 * best
+
+
+def test_clipped_regulator_by_hand(coach):
+    damper = railjax.ClippedLQR.design(coach, 55.0)
+    travel, velocity, internal, seen = laws.instant(coach, damper, 4)
+    force, _ = laws.force(coach, damper, travel, velocity, internal, seen)
+    x = np.concatenate([np.ravel(group) for groups in seen for group in groups.values()])
+    wanted = np.clip(damper.feedback @ x, -1e4, 1e4)
+    np.testing.assert_allclose(force, np.where(wanted * np.asarray(velocity) > 0, wanted, 0.0), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("damper", "message"),
+    [
+        (railjax.BalanceLogic(float("nan")), "damper.alpha must be finite"),
+        (railjax.BalanceLogic(-0.1), "damper.alpha must not be negative"),
+        (railjax.BalanceLogic(sensor_lag=0.0), "damper.sensor_lag must be positive"),
+        (railjax.ADD(sensor_lag=None), "ADD needs a sensor_lag"),
+        (railjax.HybridDamper(mr_force=jnp.array([1.0, jnp.inf])), "damper.mr_force must be finite"),
+    ],
+)
+def test_bad_numbers_are_refused_in_one_line(coach, damper, message):
+    with pytest.raises(railjax.InputError, match=message) as caught:
+        railjax.simulate(coach, 50.0, damper=damper, duration=0.1)
+    assert len(str(caught.value).splitlines()) == 1
