@@ -27,6 +27,7 @@ MODULES = (
     "railjax.paper_damper",
     "railjax.paper_characteristics",
     "railjax.paper_semiactive",
+    "railjax.paper_controlled_hunting",
 )
 
 Progress = Callable[[str, int, int], None]
