@@ -71,7 +71,7 @@ class Calibration:
 
 def calibrate(
     vehicle: Vehicle,
-    fit: dict[str, tuple[str, ...]],
+    fit: dict[str, tuple[str, ...] | str],
     to: dict[str, float],
     *,
     start: dict[str, float] | None = None,
