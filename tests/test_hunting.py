@@ -159,7 +159,9 @@ def test_monodromy_against_finite_differences(bogie, bogie_branch):
 
     @jax.jit
     def arrive(scaled):
-        return orbits.section(model, shooting, Orbit(scaled * scale, jnp.asarray(1.0 / cycle.frequency), jnp.asarray(cycle.speed)))
+        return orbits.section(
+            model, shooting, Orbit(scaled * scale, jnp.asarray(1.0 / cycle.frequency), jnp.asarray(cycle.speed))
+        )
 
     start, step = cycle.state / scale, 1e-6
     numeric = np.array([(arrive(start + step * e) - arrive(start - step * e)) / (2 * step) for e in np.eye(len(start))]).T
