@@ -68,7 +68,7 @@ def test_above_the_fold_a_large_disturbance_hunts_and_below_it_dies():
 #: checked in forward mode too
 FORWARD = ["primary.stiffness_x", "secondary.damping_y", "contact.friction", "contact.flange_clearance"]
 #: steps of the differences for parameters that are zero in the coach
-STEPS_FROM_ZERO = {"secondary.anti_roll_stiffness": 1e4}
+STEPS_FROM_ZERO = {"secondary.anti_roll_stiffness": 1e4, "primary.damping_y": 20.0}
 
 
 @functools.cache
@@ -161,8 +161,11 @@ def test_no_nonlinear_critical_speed_is_said():
     assert float(found.speed) == np.inf
     with pytest.raises(railjax.NumericalError, match="stable at all speeds"):
         railjax.nonlinear_critical_speed(stable)
+    # the fastest motion is that on the closed flange
+    hard = railjax.replace(wheelset, contact__flange_stiffness=1.46e9)
+    assert Hunting(int(railjax.nonlinear_critical(hard, steps=30).code)) == Hunting.STEP_TOO_LARGE
     with pytest.raises(railjax.NumericalError, match="more steps"):
-        railjax.nonlinear_critical_speed(wheelset, steps=13)
+        railjax.nonlinear_critical_speed(hard, steps=30)
     with pytest.raises(railjax.InputError, match="wheelset must lie between 0 and 0"):
         railjax.nonlinear_critical(wheelset, wheelset=1)
 
