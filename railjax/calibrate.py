@@ -4,12 +4,10 @@ import dataclasses
 import functools
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.optimize
 from jaxtyping import Array, Float
 
 from .critical import Fold, Hunting, default_steps, default_wheelset, nonlinear_critical, search_fold
@@ -72,7 +70,7 @@ class Calibration:
 
 def calibrate(
     vehicle: Vehicle,
-    fit: dict[str, Any],
+    fit: dict[str, tuple[str, ...] | str],
     to: dict[str, float],
     *,
     start: dict[str, float] | None = None,
@@ -99,6 +97,8 @@ def calibrate(
     Raises `InputError` for names that do not exist, values that cannot be scaled, more unknowns than results, and results that
     the vehicle does not have at the start; `NumericalError` where the results are not met. Needs double precision.
     """
+    from scipy.optimize import least_squares  # here, for a quick import of railjax
+
     require_double_precision("calibrate")
     _check(vehicle, fit, to, start or {}, bounds)
     trial = _Trials(vehicle, tuple(tuple(paths) for paths in fit.values()), tuple(to), damper, wheelset)
@@ -108,7 +108,7 @@ def calibrate(
     unmoved = [name for name, column in zip(fit, trial.jacobian(first).T, strict=True) if not np.any(column)]
     if unmoved:
         raise InputError(f"fit: {unmoved[0]!r} moves none of the results {', '.join(to)}; leave it out")
-    solution = scipy.optimize.least_squares(
+    solution = least_squares(
         lambda logs: trial.results(logs) / wanted - 1.0,
         first,
         lambda logs: trial.jacobian(logs) / wanted[:, None],

@@ -223,7 +223,8 @@ def search_fold(trees: tuple, linear: LinearCritical, shooting: Shooting, lanes:
 def _judged(linear: LinearCritical, fold: Fold, holds: Bool[Array, "..."]) -> NonlinearCritical:
     """Result codes, and values only where there are any."""
     code = jnp.where(fold.vanished, int(Hunting.SUPERCRITICAL), int(Hunting.FAILED))
-    code = jnp.where(fold.found, int(Hunting.OK), code)
+    below = fold.speed < linear.speed
+    code = jnp.where(fold.found, jnp.where(below, int(Hunting.OK), int(Hunting.SUPERCRITICAL)), code)
     code = jnp.where(holds, code, int(Hunting.STEP_TOO_LARGE))
     for stability, result in (
         (Stability.STABLE, Hunting.STABLE),

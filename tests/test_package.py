@@ -26,7 +26,8 @@ def python(code):
 
 
 def test_import_takes_less_than_one_and_a_half_seconds():
-    code = "import time; start = time.perf_counter(); import railjax; print(time.perf_counter() - start)"
+    # of the processor, for the machine may be busy with other tests
+    code = "import time; start = time.process_time(); import railjax; print(time.process_time() - start)"
     assert min(float(python(code)[0]) for _ in range(3)) < 1.5
 
 
