@@ -228,8 +228,8 @@ def damper_and_acceleration(context: Context) -> Outcome:
             axes[0, 0].plot(time[last], acceleration[last, k], label=rf"$\rho_{{cy}}$ = {1e-3 * damping[k]:g} kN s/m")
         axes[0, 0].set(xlabel="time, s", ylabel="car body acceleration,\nm/s²", xlim=(time[last][0], time[-1]))
         legend_above(axes[0, 0])
-        axes[1, 0].semilogx(1e-3 * damping[3:], rms[3:], color="C3")
-        axes[1, 0].plot(1e-3 * damping[:3], rms[:3], "o", color="C3")
+        axes[1, 0].semilogx(1e-3 * damping[3:], rms[3:], color=COLOURS[3])
+        axes[1, 0].plot(1e-3 * damping[:3], rms[:3], "o", color=COLOURS[3])
         axes[1, 0].axvline(1e-3 * own, label="Table 1: 25 kN s/m", color="0.35", linestyle=":")
         axes[1, 0].set(
             xlabel=r"secondary lateral damping $\rho_{cy}$ per side, kN s/m",

@@ -5,7 +5,7 @@ import numpy as np
 
 from .linear import linear_critical, linear_critical_speed
 from .modes import modes, root_locus
-from .plots import figure, histories, legend_above, locus, mark_paper
+from .plots import COLOURS, figure, histories, legend_above, locus, mark_paper
 from .simulate import Simulation, simulate
 from .study import Context, Outcome, Picture, Quantity, Statement, study
 from .track import SinusoidTrack
@@ -137,7 +137,7 @@ def periodic_response(context: Context) -> Outcome:
 def wavelength_sensitivity(context: Context) -> Outcome:
     """R.m.s. of the car body's acceleration over the wavelength, 6 to 60 m, which the paper does not give."""
     wavelengths = np.geomspace(6.0, 60.0, 96)
-    speeds = {180: "C0", 220: "C1", 250: "C2"}
+    speeds = {180: COLOURS[0], 220: COLOURS[1], 250: COLOURS[2]}
     # two sizes, because saturation and flange make the response nonlinear in the amplitude
     with figure(rows=2, height=2.9, share_x=True) as (page, axes):
         span = {}
