@@ -34,16 +34,14 @@ def linear(coach):
     return without_labels(railjax.replace(coach, contact__law="linear"))
 
 
-@pytest.mark.parametrize("name", ["balance", "skyhook, continuous", "mixed", "hybrid"])
+@pytest.mark.parametrize("name", [name for name in ALL if name != "bouc-wen"])
 def test_held_decisions_are_of_first_order(linear, name):
     """Up to one step late, by chance: the order shows over a decade of steps."""
     counts = np.round(np.geomspace(200, 2000, 9)).astype(int)
-    assert 0.6 < observed_order(counts, errors_of(linear, ALL[name], counts, 40_000)) < 1.6
+    assert 0.6 < observed_order(counts, errors_of(linear, ALL[name], counts, 40_000)) < 1.7
 
 
-@pytest.mark.parametrize(
-    ("name", "order"), [("balance, lags", 4.0), ("skyhook, continuous", 4.0), ("mixed", 4.0), ("hybrid", 3.0)]
-)
+@pytest.mark.parametrize(("name", "order"), [(name, 3.0 if name == "hybrid" else 4.0) for name in ALL if name != "bouc-wen"])
 def test_smooth_twins_are_of_fourth_order(linear, name, order):
     """With widths that the steps resolve; the orifice's v |v| leaves the hybrid damper a jump in the second derivative."""
     wide = {"velocity_width": 0.1} | ({"travel_width": 5e-3} if name == "hybrid" else {"signal_width": 1.0})
@@ -52,6 +50,12 @@ def test_smooth_twins_are_of_fourth_order(linear, name, order):
         damper = dataclasses.replace(damper, pilot=dataclasses.replace(damper.pilot, stroke_width=2e-4))
     counts = np.array([150, 212, 300, 424])
     assert observed_order(counts, errors_of(linear, damper, counts, 4000)) == pytest.approx(order, abs=0.4)
+
+
+def test_the_maxwell_damper_is_of_fourth_order(linear):
+    counts = np.array([150, 212, 300, 424])
+    damper = railjax.MaxwellDamper(25e3, 5e6)
+    assert observed_order(counts, errors_of(linear, damper, counts, 4000)) == pytest.approx(4.0, abs=0.3)
 
 
 @pytest.mark.parametrize("name", [*ALL, "maxwell"])
