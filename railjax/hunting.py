@@ -325,10 +325,10 @@ class _Tracer:
         above = [*down[::-1], *up]
         if at_hopf:
             return above, [], [], ""
-        below, own = self._from_hopf()
-        folds = [found for found in (own, fold) if found is not None]
-        if len(folds) == 2 and self._same(*folds):
-            return [*below[:-1], *above], [], [folds[1]], ""
+        below, turns = self._from_hopf()
+        folds = [*turns, *([fold] if fold is not None else [])]
+        if turns and fold is not None and self._same(turns[-1], fold):
+            return [*below[:-1], *above], [], folds[:-2] + folds[-1:], ""
         note = (
             "The branch from the Hopf point and that of the stable limit cycles are not connected directly: bogies that barely "
             "feel each other have neighbouring limit cycles in between, in which one hunts less than the other."
@@ -360,19 +360,28 @@ class _Tracer:
                 return points, None, True
         return points, None, False
 
-    def _from_hopf(self) -> tuple[list[Point], Point | None]:
-        """From near the Hopf point down to it as far as it goes, and up to the first fold."""
+    def _from_hopf(self) -> tuple[list[Point], list[Point]]:
+        """From near the Hopf point down to it as far as it goes, and up to the fold at its lowest speed; with all folds."""
         start = self._solve(_near_hopf(self.model, self.shooting, *self.mode, self.speed, NEAR_HOPF * self.clearance))
         if not bool(start.usable):
-            return [], None
+            return [], []
         below = []
         for point, _ in self._follow(start._replace(direction=-start.direction)):
             # the branch turns before it meets the Hopf point where another mode is near
             if float(point.amplitude) < DOWN_TO * float(self.clearance) or self._rises(point):
                 break
             below.append(point)
-        points, fold, _ = self._to_fold(start)
-        return [*below[::-1], start, *points], fold
+        points, turns, before = [*below[::-1], start], [], start
+        for point, fold in self._follow(start):
+            if fold is not None:
+                turns.append(fold)
+                points.append(fold)
+                # a branch that first leaves towards higher speeds turns back before it comes to its lowest
+                if float(np.asarray(before.direction)[-1]) < 0.0:
+                    break
+            points.append(point)
+            before = point
+        return points, turns
 
     def _rises(self, point: Point) -> bool:
         return bool(np.asarray(point.direction)[orbits.amplitude_index(self.model.vehicle, self.shooting.wheelset)] > 0.0)

@@ -212,6 +212,22 @@ def test_orbits_with_a_damper_in_the_loop(bogie):
     assert float(at[0]) == pytest.approx(float(at[1]), rel=1e-9)
 
 
+def test_limit_cycles_under_balance_logic(bogie):
+    """Its smooth twin in the loop: a branch that leaves the Hopf point upwards and turns twice, and the simulation on it."""
+    damper = railjax.BalanceLogic(0.5, damping_min=25e3, law="smooth")
+    branch = railjax.hunting_branch(bogie, damper=damper)
+    assert branch.criticality == "supercritical"
+    assert len(branch.folds) == 2
+    assert len(branch.pieces) == 1
+    assert branch.folds[0].speed > float(branch.hopf.speed) > branch.fold.speed
+    cycle = branch.at(1.03 * float(branch.hopf.speed))
+    start = {"wheelset_y": 9e-3}
+    run = railjax.simulate(
+        bogie, cycle.speed, damper=damper, duration=40.0, dt=5e-4, initial=start, record=["wheelset_y"], sample=1e-3
+    )
+    assert turning_points(_tail(run, 4.0), 0)[0] == pytest.approx(cycle.amplitude, rel=1e-3)
+
+
 def test_states_without_a_side_are_not_mirrored(bogie):
     class WithCommand(railjax.PassiveDamper):
         internal_states = 2
