@@ -6,9 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .cli_common import AsJson
-from .cli_common import finite as _finite
-from .cli_common import show as _show
+from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
 from .cli_damper import damper_app
 from .cli_hunting import hunting
 from .cli_simulate import DAMPERS, make_damper
@@ -21,10 +19,6 @@ app = typer.Typer(
 )
 app.add_typer(damper_app, name="damper")
 app.command()(hunting)
-
-VehicleName = Annotated[
-    str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")
-]
 
 
 def main() -> None:
@@ -58,15 +52,6 @@ def _fail(message: str, code: int) -> int:
     return code
 
 
-def _load(name: str) -> Any:
-    """Prepare JAX (double precision, all cores) and load the vehicle."""
-    from . import load_vehicle, use_all_cores, use_double_precision
-
-    use_double_precision()
-    use_all_cores()
-    return load_vehicle(name)
-
-
 @app.command()
 def vehicles(as_json: AsJson = False) -> None:
     """List the packaged vehicles."""
@@ -74,7 +59,7 @@ def vehicles(as_json: AsJson = False) -> None:
 
     found = {name: load_vehicle(name) for name in packaged_vehicles()}
     content = {"vehicles": [{"name": name, "note": vehicle.note} for name, vehicle in found.items()]}
-    _show(content, [f"{name:16s} {vehicle.note}" for name, vehicle in found.items()], as_json)
+    show(content, [f"{name:16s} {vehicle.note}" for name, vehicle in found.items()], as_json)
 
 
 @app.command()
@@ -90,8 +75,8 @@ def modes(
     from .modes import modes as compute
     from .units import KMH
 
-    _finite(speed_kmh=speed_kmh)
-    found = compute(_load(vehicle), speed_kmh / KMH)
+    finite(speed_kmh=speed_kmh)
+    found = compute(load(vehicle), speed_kmh / KMH)
     content = {
         "vehicle": vehicle,
         "speed_kmh": speed_kmh,
@@ -113,7 +98,7 @@ def modes(
             )
         ],
     }
-    _show(content, [str(found)], as_json)
+    show(content, [str(found)], as_json)
 
 
 @app.command("critical-speed")
@@ -130,10 +115,10 @@ def critical_speed(
     from .modes import modes as compute
     from .units import KMH
 
-    loaded = _load(vehicle)
+    loaded = load(vehicle)
     speed = float(linear_critical_speed(loaded))
     critical = compute(loaded, speed)
-    fitted = [f"{p.parameter}: {p.note}" for p in loaded.provenance if p.status == "calibrated"]
+    fitted = calibrated(loaded)
     found, described = _nonlinear(loaded) if nonlinear else ({}, [])
     content = {
         "vehicle": loaded.name,
@@ -150,7 +135,7 @@ def critical_speed(
         *([loaded.note] if loaded.note else []),
         *[f"calibrated, not predicted: {entry}" for entry in fitted],
     ]
-    _show(content, lines, as_json)
+    show(content, lines, as_json)
 
 
 def _nonlinear(vehicle: Any) -> tuple[dict[str, Any], list[str]]:
@@ -201,9 +186,9 @@ def simulate(
     from . import simulate as run
     from .units import KMH
 
-    _finite(speed_kmh=speed_kmh, wavelength_m=wavelength_m, bump_m=bump_m, duration_s=duration_s, dt_s=dt_s)
-    _finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha)
-    loaded = _load(vehicle)
+    finite(speed_kmh=speed_kmh, wavelength_m=wavelength_m, bump_m=bump_m, duration_s=duration_s, dt_s=dt_s)
+    finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha)
+    loaded = load(vehicle)
     if out is not None and out.suffix not in (".csv", ".nc", ".png"):
         raise InputError(f"--out {out}: the name must end in .csv, .nc or .png")
     track = SinusoidTrack(amplitude_mm / 1e3, wavelength_m) if bump_m is None else BumpTrack(amplitude_mm / 1e3, bump_m)
@@ -227,7 +212,7 @@ def simulate(
         ],
         "reductions": {name: values.tolist() for name, values in result.reductions.items()},
     }
-    _show(content, [str(result)], as_json)
+    show(content, [str(result)], as_json)
 
 
 def _write_run(result: Any, channels: list[str], out: Path) -> None:
@@ -292,7 +277,7 @@ def reproduce(
         + (" - fitted" if q["fitted"] else "")
         for q in results["quantities"]
     ]
-    _show(results, [*lines, results["summary"], f"report: {out / 'report.html'}"], as_json)
+    show(results, [*lines, results["summary"], f"report: {out / 'report.html'}"], as_json)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,24 @@ import typer
 
 from .errors import InputError
 
+VehicleName = Annotated[
+    str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]
+
+
+def load(name: str) -> Any:
+    """Prepare JAX (double precision, all cores) and load the vehicle."""
+    from . import load_vehicle, use_all_cores, use_double_precision
+
+    use_double_precision()
+    use_all_cores()
+    return load_vehicle(name)
+
+
+def calibrated(vehicle: Any) -> list[str]:
+    """What of the vehicle was fitted, a line each."""
+    return [f"{p.parameter}: {p.note}" for p in vehicle.provenance if p.status == "calibrated"]
 
 
 def show(content: dict[str, Any], lines: list[str], as_json: bool) -> None:

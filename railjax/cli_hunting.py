@@ -5,14 +5,12 @@ from typing import Annotated, Any
 
 import typer
 
-from .cli_common import AsJson, finite, show
+from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
 from .errors import InputError
 
 
 def hunting(
-    vehicle: Annotated[
-        str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")
-    ],
+    vehicle: VehicleName,
     highest_speed_kmh: Annotated[
         float | None, typer.Option(help="How far to go in km/h (default 1.25 times the Hopf speed).")
     ] = None,
@@ -28,15 +26,13 @@ def hunting(
 
     Example: railjax hunting coach --out diagram.png
     """
-    from . import hunting_branch, load_vehicle, speed_ramp, use_all_cores, use_double_precision
+    from . import hunting_branch, speed_ramp
     from .units import KMH
 
     finite(highest_speed_kmh=highest_speed_kmh, steps=steps)
     if out is not None and out.suffix not in (".png", ".svg", ".csv"):
         raise InputError(f"--out {out}: the name must end in .png, .svg or .csv")
-    use_double_precision()
-    use_all_cores()
-    loaded = load_vehicle(vehicle)
+    loaded = load(vehicle)
     highest = None if highest_speed_kmh is None else highest_speed_kmh / KMH
     index = None if wheelset is None else wheelset - 1
     branch = hunting_branch(loaded, highest_speed=highest, wheelset=index, steps=steps)
@@ -46,7 +42,7 @@ def hunting(
     if out is not None:
         _write(branch, slow, out)
     fold = branch.fold
-    fitted = [f"{p.parameter}: {p.note}" for p in loaded.provenance if p.status == "calibrated"]
+    fitted = calibrated(loaded)
     content = {
         "vehicle": loaded.name,
         "hopf_kmh": float(branch.hopf.speed) * KMH,

@@ -43,19 +43,16 @@ FOLD_STEP = 0.06
 SETTLING = 60
 
 
-def hunting_modes(
-    model: Model, shooting: Shooting, speed: Scalar, count: int
-) -> tuple[Float[Array, "count states"], Float[Array, "count"]]:
-    """Shapes x of the `count` least damped oscillating modes at the Hopf point, and their angular frequencies (rad/s).
+def hunting_mode(model: Model, shooting: Shooting, speed: Scalar) -> tuple[Float[Array, "states"], Float[Array, ""]]:
+    """Shape x of the least damped oscillating mode at the Hopf point, and its angular frequency (rad/s).
 
-    A shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there.
+    The shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there.
     """
     values, vectors = jnp.linalg.eig(state_matrix(model.vehicle, speed, model.damper))
     oscillating = values.imag > 1e-6 * jnp.max(jnp.abs(values))
-    chosen = jnp.argsort(jnp.where(oscillating, -values.real, jnp.inf))[:count]
-    vectors = vectors[:, chosen]
-    vectors = vectors / vectors[amplitude_index(model.vehicle, shooting.wheelset)]
-    return vectors.real.T, values.imag[chosen]
+    chosen = jnp.argmin(jnp.where(oscillating, -values.real, jnp.inf))
+    vector = vectors[:, chosen]
+    return (vector / vector[amplitude_index(model.vehicle, shooting.wheelset)]).real, values.imag[chosen]
 
 
 def near_hopf(
@@ -102,11 +99,6 @@ def largest_displacement(model: Model, point: Point) -> Float[Array, ""]:
     first = amplitude_index(model.vehicle, 0)
     bogies, axles = wheelset_shape(model.vehicle)
     return jnp.max(jnp.abs(point.unknowns[first : first + bogies * axles])) * DISPLACEMENT
-
-
-def speed_of(point: Point) -> Float[Array, ""]:
-    """m/s."""
-    return point.unknowns[-1] * SPEED
 
 
 class Walk(NamedTuple):

@@ -16,7 +16,7 @@ from .continuation import (
     Walk,
     begun,
     bracket,
-    hunting_modes,
+    hunting_mode,
     largest_displacement,
     narrowed,
     next_orbit,
@@ -53,10 +53,9 @@ from .precision import require_double_precision
 from .typing import Scalar
 from .vehicle import Vehicle, without_labels
 
-#: the branch is entered this much above the linear critical speed, where the vehicle is drawn to a limit cycle...
+#: the branch is entered this much above the linear critical speed, where the vehicle is drawn to a limit cycle from the critical
+#: mode's shape with the flange clearance as amplitude
 ENTRY = 1.02
-#: ...from the critical mode's shape with this share of the flange clearance as amplitude
-ENTRY_AMPLITUDE = 1.0
 #: longest step down the branch (1 mm or 10 m/s), and how many are tried
 LARGEST_STEP, MOST_STEPS = 0.1, 400
 #: share of a fold's speed at which it is tried whether one bogie hunts on by itself
@@ -268,8 +267,8 @@ def _lowest_fold(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Point,
 
     One loop with a single call of `solved`, whatever the stage, because that is what takes long to compile.
     """
-    shapes, omegas = hunting_modes(model, shooting, hopf, 1)
-    clearance = entry_amplitude(model.vehicle)
+    shape, omega = hunting_mode(model, shooting, hopf)
+    clearance = model.vehicle.contact.flange_clearance
     bogies = wheelset_shape(model.vehicle)[0]
     tries = bogies if bogies > 1 else 0
     masks = jnp.asarray(np.array([_bogie_alone(model, k) for k in range(bogies)]))
@@ -318,8 +317,8 @@ def _lowest_fold(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Point,
         return jax.lax.switch(search.stage, (entered, stepped, tried), search, point)
 
     by_speed = row_of(model, shooting, BY_SPEED)
-    start = pack(model, shooting, Orbit(shapes[0] * clearance, 2.0 * jnp.pi / omegas[0], ENTRY * hopf))
-    states = shapes.shape[1]
+    start = pack(model, shooting, Orbit(shape * clearance, 2.0 * jnp.pi / omega, ENTRY * hopf))
+    states = shape.shape[0]
     nothing, zero, no = jnp.zeros(states), jnp.zeros(()), jnp.asarray(False)
     nowhere = Point(start, by_speed, zero, jnp.zeros((states, states)), nothing, zero, no)
     first = Problem(start, by_speed, ENTRY * hopf / SPEED)
@@ -346,8 +345,3 @@ def _bogie_alone(model: Model, bogie: int) -> Float[np.ndarray, "states"]:
 
     mask = np.array([float(own(name)) for name in names])
     return np.concatenate([mask, mask, np.ones(state_size(model.vehicle, model.damper) - 2 * len(mask))])
-
-
-def entry_amplitude(vehicle: Vehicle) -> Scalar:
-    """Amplitude (m) with which the motion towards the limit cycle begins."""
-    return ENTRY_AMPLITUDE * vehicle.contact.flange_clearance

@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from . import continuation, orbits
-from .continuation import MOST_TRIES, SMALLEST_STEP, bracket, narrowed, orbit_between, resolved, walked
-from .critical import ENTRY, default_steps, default_wheelset, entry_amplitude
+from .continuation import MOST_TRIES, bracket, narrowed, orbit_between, resolved, stuck, walked
+from .critical import ENTRY, default_steps, default_wheelset
 from .dampers import Damper
 from .errors import InputError, NumericalError
 from .linear import LinearCritical, Stability, linear_critical
@@ -199,7 +199,7 @@ _solved = jax.jit(orbits.solved, static_argnums=1)
 _next_orbit = jax.jit(continuation.next_orbit, static_argnums=1)
 _settled = jax.jit(continuation.settled, static_argnums=1)
 _near_hopf = jax.jit(continuation.near_hopf, static_argnums=1)
-_modes = jax.jit(continuation.hunting_modes, static_argnums=(1, 3))
+_mode = jax.jit(continuation.hunting_mode, static_argnums=1)
 _walked, _bracket, _narrowed, _resolved, _between = map(jax.jit, (walked, bracket, narrowed, resolved, orbit_between))
 
 
@@ -215,7 +215,7 @@ def follow(
     Yields each point, and the fold between it and the one before (solved for) where there is one.
     """
     walk = continuation.begun(start)
-    while float(walk.step) >= SMALLEST_STEP:
+    while not bool(stuck(walk)):
         ahead = _solved(model, shooting, _next_orbit(model, shooting, walk))
         here, walk = np.asarray(walk.point.unknowns), _walked(walk, ahead, largest_step)
         if np.array_equal(here, np.asarray(walk.point.unknowns)):
@@ -297,9 +297,8 @@ class _Tracer:
     def __init__(self, model: Model, shooting: Shooting, hopf: LinearCritical, largest_step: float) -> None:
         self.model, self.shooting, self.largest_step = model, shooting, largest_step
         self.hopf, self.speed = hopf, jnp.asarray(hopf.speed)
-        shapes, omegas = _modes(model, shooting, self.speed, 1)
-        self.mode = shapes[0], omegas[0]
-        self.clearance = jnp.asarray(entry_amplitude(model.vehicle), float)
+        self.mode = _mode(model, shooting, self.speed)
+        self.clearance = model.vehicle.contact.flange_clearance
 
     def pieces(self, highest: float) -> tuple[list[Point], list[Point], list[Point], str]:
         """Limit cycles from the Hopf point on, those that are not connected with it, the folds, and a note.

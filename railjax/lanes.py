@@ -153,27 +153,16 @@ def one_by_one(function: Callable[[Any], Any], trees: Any, axes: Any) -> Any:
 
     The lanes are shared out among the devices, each of which takes its own one by one.
     """
-    batched = jax.tree.map(lambda leaf, own: jnp.ndim(leaf) > own, trees, axes)
-    own = [jnp.moveaxis(jnp.asarray(leaf), -1, 0) for leaf, lane in _pairs(trees, batched) if lane]
-    shared = [jnp.asarray(leaf) for leaf, lane in _pairs(trees, batched) if not lane]
-    lanes, devices = own[0].shape[0], len(jax.local_devices())
-    missing = -lanes % devices
+    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, trees))
+    batched = tuple(leaf.ndim > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True))
 
-    def one(shared: list, pieces: list) -> Any:
-        here, alike = iter(pieces), iter(shared)
-        leaves = [next(here) if lane else next(alike) for lane in jax.tree.leaves(batched)]
-        return function(jax.tree.unflatten(jax.tree.structure(trees), leaves))
+    def single(chunk: Any) -> Any:
+        alone = [leaf[..., 0] if lane else leaf for leaf, lane in zip(jax.tree.leaves(chunk), batched, strict=True)]
+        return jax.tree.map(lambda leaf: leaf[..., None], function(structure.unflatten(alone)))
 
-    def work(shared: list, own: list) -> Any:
-        return jax.lax.map(functools.partial(one, shared), own)
-
-    filled = [jnp.pad(leaf, [(0, missing)] + [(0, 0)] * (leaf.ndim - 1), mode="edge") for leaf in own]
-    found = _on_devices(work)(shared, filled)
-    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf[:lanes], 0, -1), found)
-
-
-def _pairs(trees: Any, batched: Any) -> Any:
-    return zip(jax.tree.leaves(trees), jax.tree.leaves(batched), strict=True)
+    lanes, devices = count_lanes(trees, axes), len(jax.local_devices())
+    prepare, work, finish = _stages(single, structure, batched, lanes, 1, devices)
+    return finish(_on_devices(work)(*prepare(leaves)))
 
 
 def each_lane(function: Callable[..., Any], trees: tuple, axes: tuple) -> Any:

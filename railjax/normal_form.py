@@ -55,13 +55,13 @@ def _rate(vehicle: Vehicle, damper: Damper, speed: Scalar, x: Array) -> Array:
     return state_rate(vehicle, motion(vehicle, damper, 1.0 / jnp.asarray(speed), alignment, x))
 
 
-def _second(vehicle: Vehicle, damper: Damper, speed: Scalar, one: Array, other: Array) -> Array:
-    """B(one, other) of real vectors."""
+def _second(vehicle: Vehicle, damper: Damper, speed: Scalar, one: Array, other: Array, x: Array | None = None) -> Array:
+    """B(one, other) of real vectors, at rest or at x."""
 
     def first(x: Array) -> Array:
         return jax.jvp(lambda x: _rate(vehicle, damper, speed, x), (x,), (one,))[1]
 
-    return jax.jvp(first, (jnp.zeros_like(one),), (other,))[1]
+    return jax.jvp(first, (jnp.zeros_like(one) if x is None else x,), (other,))[1]
 
 
 def _second_complex(vehicle: Vehicle, damper: Damper, speed: Scalar, one: Array, other: Array) -> Array:
@@ -74,12 +74,7 @@ def _second_complex(vehicle: Vehicle, damper: Damper, speed: Scalar, one: Array,
 def _third(vehicle: Vehicle, damper: Damper, speed: Scalar, one: Array, other: Array) -> Array:
     """C(one, one, other) of real vectors."""
 
-    def second(x: Array) -> Array:
-        def first(x: Array) -> Array:
-            return jax.jvp(lambda x: _rate(vehicle, damper, speed, x), (x,), (one,))[1]
-
-        return jax.jvp(first, (x,), (one,))[1]
-
+    second = functools.partial(_second, vehicle, damper, speed, one, one)
     return jax.jvp(second, (jnp.zeros_like(one),), (other,))[1]
 
 

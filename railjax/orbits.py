@@ -248,7 +248,7 @@ def plane(model: Model, shooting: Shooting, vector: Float[Array, "unknowns"]) ->
 
 
 def row_of(model: Model, shooting: Shooting, direction: tuple[float, float]) -> Float[Array, "unknowns"]:
-    """The row with which `closed` picks an orbit by amplitude and speed: row · unknowns = direction · plane(unknowns)."""
+    """The row with which `solved` picks an orbit by amplitude and speed: row · unknowns = direction · plane(unknowns)."""
     unknowns = state_size(model.vehicle, model.damper) + 1
     row = jnp.zeros(unknowns).at[amplitude_index(model.vehicle, shooting.wheelset)].set(direction[0])
     return row.at[-1].set(direction[1])
