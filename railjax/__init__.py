@@ -35,6 +35,7 @@ from .spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, Table
 from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
+from .weightings import weighting
 
 __version__ = "0.1.0"
 
@@ -109,4 +110,5 @@ __all__ = [
     "track_matrix",
     "use_all_cores",
     "use_double_precision",
+    "weighting",
 ]
