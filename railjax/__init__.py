@@ -15,6 +15,7 @@ from .channels import CHANNELS
 from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
 from .dampers import MaxwellDamper, PassiveDamper
 from .errors import InputError, NumericalError
+from .frequency import FrequencyResponse, frequency_response
 from .hunting import Branch, LimitCycle, hunting_branch
 from .identify import Identification, identify_damper
 from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
@@ -32,6 +33,7 @@ from .record import Record, read_record
 from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from .simulate import Result, Simulation, simulate
 from .spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
+from .statistical import StatisticalResponse, statistical_linearisation
 from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
@@ -53,6 +55,7 @@ __all__ = [
     "ErriSpectrum",
     "FormulaSpectrum",
     "FraSpectrum",
+    "FrequencyResponse",
     "Hunting",
     "HybridDamper",
     "Identification",
@@ -76,6 +79,7 @@ __all__ = [
     "Spectrum",
     "SpeedProfile",
     "Stability",
+    "StatisticalResponse",
     "TableSpectrum",
     "TangentTrack",
     "Vehicle",
@@ -85,6 +89,7 @@ __all__ = [
     "contact_ellipse",
     "creep_coefficients",
     "first_lyapunov_coefficient",
+    "frequency_response",
     "get_parameter",
     "hunting_branch",
     "identify_damper",
@@ -107,6 +112,7 @@ __all__ = [
     "spectrum",
     "speed_ramp",
     "state_matrix",
+    "statistical_linearisation",
     "track_matrix",
     "use_all_cores",
     "use_double_precision",

@@ -4,8 +4,9 @@ The time simulation, the matrices of eqs. (2)-(4), stability and gradients all g
 """
 
 import functools
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -181,8 +182,35 @@ def wheelset_shape(vehicle: Vehicle) -> tuple[int, int]:
     return len(vehicle.geometry.bogie_pattern), len(vehicle.geometry.axle_pattern)
 
 
-def _linear(vehicle: Vehicle) -> Vehicle:
-    return replace(vehicle, contact=replace(vehicle.contact, law="linear"))
+def linearised(
+    vehicle: Vehicle,
+    speed: Scalar,
+    damper: Damper,
+    read: Callable[[Motion], Any],
+    *,
+    flange: bool = False,
+) -> Any:
+    """What each state, then the alignment under each wheelset, does to `read` near straight running with linear creep.
+
+    `read` gives arrays with lanes last, in any tree; the result has a column there per entry of x, then per wheelset. With `flange` the flange is held in contact: k_f acts on y
+    from zero displacement on.
+    """
+    contact = vehicle.contact
+    # beyond a negative clearance at rest already: at one of 0 the corner would halve the slope
+    contact = replace(contact, law="sharp", flange_clearance=-1.0) if flange else replace(contact, law="linear")
+    vehicle = replace(vehicle, contact=contact)
+    states, (n, m) = state_size(vehicle, damper), wheelset_shape(vehicle)
+    columns = states + n * m
+    dtype = jnp.result_type(float)
+    slowness = 1.0 / jnp.asarray(speed, dtype)
+
+    def of(x: Float[Array, "states columns"], alignment: Float[Array, "n m columns"]) -> Any:
+        return read(motion(vehicle, damper, slowness, alignment, x))
+
+    # one lane per column
+    unit = jnp.eye(columns, dtype=dtype)
+    units = unit[:states], unit[states:].reshape((n, m, columns))
+    return jax.jvp(of, jax.tree.map(jnp.zeros_like, units), units)[1]
 
 
 def state_matrix(
@@ -194,37 +222,17 @@ def state_matrix(
     With `flange` the flange is held in contact (for the bound on the time step). Differentiable; `vmap` it over speeds and
     vehicles.
     """
-    return _state_matrix(without_labels(vehicle), speed, damper, flange)
+    return _rate_matrix(without_labels(vehicle), speed, damper, flange)[:, : state_size(vehicle, damper)]
+
+
+def track_matrix(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Float[Array, "states wheelsets"]:
+    """B of F*(t) = B eta(t), eq. (3): what the alignment eta_i (m) under each wheelset does to x', linear creep."""
+    return _rate_matrix(without_labels(vehicle), speed, damper, False)[:, state_size(vehicle, damper) :]
 
 
 @functools.partial(jax.jit, static_argnames="flange")
-def _state_matrix(vehicle: Vehicle, speed: Scalar, damper: Damper, flange: bool) -> Float[Array, "states states"]:
-    vehicle = _linear(vehicle)
-    if flange:
-        # the flange's spring as a track that gives way: k_f acts on y from zero displacement on
-        closed = replace(vehicle.contact, law="sharp", flange_clearance=0.0)
-        vehicle = replace(vehicle, contact=closed)
-    states = state_size(vehicle, damper)
-    dtype = jnp.result_type(float)
-    alignment = jnp.zeros((*wheelset_shape(vehicle), states), dtype)
-    slowness = 1.0 / jnp.asarray(speed, dtype)
-
-    def rate(x: Float[Array, "states lanes"]) -> Float[Array, "states lanes"]:
-        return state_rate(vehicle, motion(vehicle, damper, slowness, alignment, x))
-
-    # one lane per column of E
-    return jax.jvp(rate, (jnp.zeros((states, states), dtype),), (jnp.eye(states, dtype=dtype),))[1]
-
-
-def track_matrix(vehicle: Vehicle, speed: Scalar) -> Float[Array, "states wheelsets"]:
-    """B of F*(t) = B eta(t), eq. (3): what the alignment eta_i (m) under each wheelset does to x', linear creep."""
-    vehicle = _linear(without_labels(vehicle))
-    shape = wheelset_shape(vehicle)
-    wheelsets = shape[0] * shape[1]
-    dtype = jnp.result_type(float)
-    x = jnp.zeros((state_size(vehicle, PASSIVE), wheelsets), dtype)
-    unit = jnp.eye(wheelsets, dtype=dtype).reshape((*shape, wheelsets))
-    return state_rate(vehicle, motion(vehicle, PASSIVE, 1.0 / jnp.asarray(speed, dtype), unit, x))
+def _rate_matrix(vehicle: Vehicle, speed: Scalar, damper: Damper, flange: bool) -> Float[Array, "states columns"]:
+    return linearised(vehicle, speed, damper, functools.partial(state_rate, vehicle), flange=flange)
 
 
 class Matrices(NamedTuple):

@@ -8,6 +8,7 @@ differentiable, so a run sees no kinks.
 
 import copy
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -118,7 +119,7 @@ def register(kind: type[T]) -> type[T]:
         values, rest = flatten(track)
         return list(zip(keys, values, strict=True)), rest
 
-    def unflatten(rest: tuple, values: list) -> T:
+    def unflatten(rest: tuple, values: Sequence) -> T:
         track = object.__new__(kind)
         track._set(**dict(zip(leaves, values, strict=True)), periodic=rest[0], label=None)
         return track

@@ -213,3 +213,9 @@ def test_six_axle_vehicle(coach):
     run = railjax.simulate(loco, 40.0, track=railjax.SinusoidTrack(2e-3, 20.0), duration=0.5)
     assert run["wheelset_y"].shape == (50, 6)
     assert bool(run.ok)
+
+
+def test_a_closed_flange_is_its_whole_stiffness(coach):
+    closed = np.asarray(railjax.state_matrix(coach, 50.0, flange=True) - railjax.state_matrix(coach, 50.0))
+    added = closed[17 + 9 : 17 + 13, 9:13] * coach.wheelset.mass
+    np.testing.assert_allclose(added, -coach.contact.flange_stiffness * np.eye(4), rtol=1e-12, atol=1e-6)

@@ -1,0 +1,265 @@
+"""Forced response in the frequency domain: transfer functions, spectra and r.m.s. of the linearised vehicle, exact and without
+time integration.
+
+Straight running with linear creep on the alignment eta, wheelset i at s_i ahead of the car body's centre:
+
+    x' = E x + sum_i B_i eta(v t + s_i),  y = C x + sum_i D_i eta(v t + s_i)
+    H(W) = C (i W v - E)^-1 b(W) + d(W),  b = sum_i B_i exp(i W s_i),  d = sum_i D_i exp(i W s_i),  W in rad/m
+
+from the same `motion` as the simulation. A random track of spectrum S(W) gives y the spectrum |H|^2 S; a track made of lines
+(`RandomTrack`) the sum of |H|^2 times their mean squares.
+"""
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from .channels import CHANNELS, check_channel
+from .dampers import Damper, check_damper
+from .deflections import wheelset_positions
+from .errors import InputError, NumericalError
+from .lanes import count_lanes, each_lane, own_axes
+from .motion import PASSIVE, Motion, linearised, state_rate, state_size, wheelset_shape
+from .precision import require_double_precision
+from .sampled_track import SampledTrack
+from .simulate import check_speed
+from .smooth import sqrt_of_square
+from .spectra import LONGEST, SHORTEST, Spectrum, spectrum
+from .typing import Number, Scalar
+from .units import KMH
+from .vehicle import Vehicle, structure, without_labels
+from .weightings import weighting
+
+if TYPE_CHECKING:
+    import xarray
+
+#: wavenumbers between longest and shortest wavelength, evenly spaced in their logarithm. The trapezoidal sum of a peak of damping
+#: ratio zeta converges as exp(-2 pi zeta/h), h the spacing: 400 over two decades resolve 1 % of critical damping to 0.4 %
+POINTS = 400
+
+
+class Excitation(NamedTuple):
+    """Alignment as waves: wavenumber W in rad/m, and of each its share of the variance, m^2."""
+
+    wavenumber: Float[Array, "waves"]
+    variance: Float[Array, "waves"]
+    density: Float[Array, "waves"]  # one-sided, m^2/(rad/m)
+
+
+def excitation(of: Spectrum, shortest: Scalar = SHORTEST, longest: Scalar = LONGEST, points: int = POINTS) -> Excitation:
+    """The spectrum between two wavelengths (m) as waves, so that sums over them are integrals: trapezoids in log W with Gregory's
+    corrections of fourth order at the ends."""
+    logarithm = jnp.linspace(jnp.log(2.0 * jnp.pi / longest), jnp.log(2.0 * jnp.pi / shortest), points)
+    weights = np.ones(points)
+    weights[:3] = weights[:-4:-1] = (3.0 / 8.0, 7.0 / 6.0, 23.0 / 24.0)
+    wavenumber = jnp.exp(logarithm)
+    density = of.density(wavenumber)
+    return Excitation(wavenumber, density * wavenumber * weights * (logarithm[1] - logarithm[0]), density)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Result of `frequency_response`. Arrays have the wave first, then bogie, wheelset (n m) or floor position, then lanes.
+
+    `transfer` is H of each channel, unit of the channel per m of alignment, with the phase of the wave at the car body's centre;
+    `growth` the largest real part of E's eigenvalues, 1/s: where it is not negative there is no stationary response and H is NaN.
+    """
+
+    frequency: Float[Array, "waves ..."]  # W v/(2 pi), Hz
+    transfer: dict[str, Complex[Array, "waves ..."]]
+    excitation: Excitation
+    growth: Float[Array, "..."]
+    speed: Number
+    vehicle_name: str = structure("")
+
+    def spectrum(self, channel: str) -> Float[Array, "waves ..."]:
+        """One-sided power spectral density of a channel, (unit)^2/Hz."""
+        return _squared(self.transfer[channel]) * self._as(channel, self.alignment_spectrum)
+
+    @property
+    def alignment_spectrum(self) -> Float[Array, "waves ..."]:
+        """One-sided power spectral density of the alignment as the vehicle meets it, m^2/Hz."""
+        return _first(self.excitation.density, self.frequency.ndim) * (2.0 * jnp.pi) / jnp.asarray(self.speed)
+
+    def rms(self, channel: str, weight: str | None = None) -> Float[Array, "..."]:
+        """Root mean square of a channel, weighted by the `weighting` of that name ("Wd", ...) if one is given."""
+        shares = _squared(self.transfer[channel]) * _first(self.excitation.variance, self.transfer[channel].ndim)
+        if weight is not None:
+            shares = shares * self._as(channel, _squared(weighting(weight, self.frequency)))
+        return sqrt_of_square(jnp.sum(shares, axis=0))
+
+    def _as(self, channel: str, values: Float[Array, "waves ..."]) -> Float[Array, "waves ..."]:
+        """Values per wave and lane, broadcast against the channel's parts."""
+        missing = self.transfer[channel].ndim - values.ndim
+        return values.reshape((values.shape[0],) + (1,) * missing + values.shape[1:])
+
+    def __str__(self) -> str:
+        speed = np.ravel(np.asarray(self.speed)) * KMH
+        span = f"{speed[0]:.1f}" if speed.min() == speed.max() else f"{speed.min():.1f} to {speed.max():.1f}"
+        lines = [f"Linear forced response of {self.vehicle_name or 'a vehicle'} at {span} km/h, {len(self.frequency)} waves"]
+        for name in self.transfer:
+            values = self.rms(name)
+            low, high = float(jnp.nanmin(values)), float(jnp.nanmax(values))
+            lines.append(f"  rms {name}: {low:.4g}" + ("" if low == high else f" to {high:.4g}") + f" {CHANNELS[name].unit}")
+        unstable = int(jnp.sum(self.growth >= 0.0))
+        if unstable:
+            lines.append(f"  unstable, without a stationary response: {unstable} of {self.growth.size} lane(s)")
+        return "\n".join(lines)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Transfer functions and spectra with dimensions wave, bogie, wheelset or position, lane; units in the attributes."""
+        import xarray
+
+        lane = ("lane",) if self.growth.ndim else ()
+        variables = {}
+        for name, values in self.transfer.items():
+            unit, part, _ = CHANNELS[name]
+            inner = (part,) if values.ndim > 1 + len(lane) else ()
+            dims = ("wave", *inner, *lane)
+            variables[f"{name}_transfer"] = (dims, np.asarray(values), {"units": f"({unit})/m"})
+            variables[f"{name}_spectrum"] = (dims, np.asarray(self.spectrum(name)), {"units": f"({unit})^2/Hz"})
+        coordinates = {
+            "frequency": (("wave", *lane), np.asarray(self.frequency), {"units": "Hz"}),
+            "wavelength": (("wave",), 2.0 * np.pi / np.asarray(self.excitation.wavenumber), {"units": "m"}),
+            "speed": (lane if np.ndim(self.speed) else (), np.asarray(self.speed), {"units": "m/s"}),
+        }
+        return xarray.Dataset(variables, coordinates, {"vehicle": self.vehicle_name})
+
+
+def frequency_response(
+    vehicle: Vehicle,
+    speed: Scalar,
+    track: object = "erri-high",
+    *,
+    damper: Damper = PASSIVE,
+    record: tuple[str, ...] | list[str] = ("carbody_acceleration",),
+    shortest: Scalar = SHORTEST,
+    longest: Scalar = LONGEST,
+    points: int = POINTS,
+) -> FrequencyResponse:
+    """Stationary response of the linearised vehicle to a random track.
+
+    `track` is what `railjax.spectrum` takes (a name, a table, a formula), taken between the wavelengths `shortest` and `longest` (m) at
+    `points` waves; or a `RandomTrack`, of which each line is a wave; or an `Excitation`. speed in m/s. `record` names channels
+    (`railjax.CHANNELS`). The creep is linear and the flange not touched; a damper is linearised at rest (see
+    `statistical_linearisation` for creep saturation, the flange and balance logic). Vehicle, speed and damper may carry lanes.
+
+    Differentiable in both modes with respect to every float of vehicle, speed, damper and spectrum. For a single vehicle that is
+    unstable at this speed it raises `NumericalError`; in a batch or transformation such a lane is NaN. Needs double precision.
+    """
+    require_double_precision("the frequency response")
+    check_speed(speed)
+    check_damper(damper)
+    record = tuple(check_channel(name) for name in record)
+    waves = waves_of(track, shortest, longest, points)
+    frequency, transfer, growth = transfers(vehicle, speed, waves.wavenumber, damper, record)
+    if not isinstance(growth, jax.core.Tracer) and growth.ndim == 0 and not float(growth) < 0.0:
+        raise NumericalError(
+            f"no stationary response: straight running is unstable at {float(speed) * KMH:.1f} km/h (largest growth rate {float(growth):.3g} 1/s)"
+        )
+    return FrequencyResponse(frequency, transfer, waves, growth, speed, vehicle.name)
+
+
+def waves_of(track: object, shortest: Scalar, longest: Scalar, points: int) -> Excitation:
+    """What `frequency_response` takes for a track, as waves."""
+    if isinstance(track, Excitation):
+        return track
+    if isinstance(track, SampledTrack):
+        return _lines_of(track)
+    if points < 16:
+        raise InputError(f"points must be at least 16, not {points}")
+    return excitation(spectrum(track), shortest, longest, points)
+
+
+def _lines_of(track: SampledTrack) -> Excitation:
+    """The lines of a realisation, without those that hold nothing where that is known."""
+    if not hasattr(track, "lines") or jnp.ndim(track.coefficients) > 1:
+        raise InputError(f"track: {track} is not one realisation made of lines; give a RandomTrack of one seed, or a spectrum")
+    wavenumber, lines = track.wavenumbers[1:], track.lines[1:]
+    variance = 0.5 * _squared(lines)
+    if not isinstance(variance, jax.core.Tracer):
+        held = np.asarray(variance) > 1e-20 * np.max(variance)
+        wavenumber, variance = wavenumber[held], variance[held]
+    return Excitation(jnp.asarray(wavenumber), variance, variance / (track.wavenumbers[1]))
+
+
+def transfers(
+    vehicle: Vehicle, speed: Scalar, wavenumber: Float[Array, "waves"], damper: Damper, record: tuple[str, ...]
+) -> tuple[Float[Array, "waves ..."], dict[str, Complex[Array, "waves ..."]], Float[Array, "..."]]:
+    """Frequencies (Hz), transfer functions of the channels at wavenumbers (rad/m), and the largest growth rate (1/s)."""
+    trees = (without_labels(vehicle), speed, wavenumber, damper)
+    axes = (own_axes(trees[0]), 0, 1, own_axes(damper))
+    function = functools.partial(_transfers, record=record)
+    return function(*trees) if count_lanes(trees, axes) is None else each_lane(function, trees, axes)
+
+
+@functools.partial(jax.jit, static_argnames="record")
+def _transfers(vehicle: Vehicle, speed: Scalar, wavenumber: Float[Array, "waves"], damper: Damper, record: tuple[str, ...]):
+    return respond(vehicle, speed, wavenumber, damper, functools.partial(read_channels, record))
+
+
+def read_channels(record: tuple[str, ...], instant: Motion) -> dict[str, Float[Array, "..."]]:
+    """Channels by name, (*lanes) or (parts, *lanes), wheelsets as one axis n m; for one axis of lanes."""
+    values = {name: CHANNELS[name].read(instant) for name in record}
+    return {name: value.reshape((-1, value.shape[-1])) if value.ndim > 1 else value for name, value in values.items()}
+
+
+def respond(vehicle: Vehicle, speed: Scalar, wavenumber: Float[Array, "waves"], damper: Damper, read, *, flange: bool = False):
+    """`transfers` for any dict of quantities that `read` takes from a `Motion`; with `flange` as in `linearised`."""
+    states = state_size(vehicle, damper)
+    rates, outputs = linearised(
+        vehicle, speed, damper, lambda instant: (state_rate(vehicle, instant), read(instant)), flange=flange
+    )
+    positions = wheelset_positions(vehicle, jnp.zeros(wheelset_shape(vehicle))).reshape(-1)
+    delays = jnp.exp(1j * wavenumber * positions[:, None])  # (wheelsets, waves)
+    response, growth = resolvent(rates[:, :states], wavenumber * speed, rates[:, states:] @ delays)
+
+    def of(columns: Float[Array, "... columns"]) -> Complex[Array, "waves ..."]:
+        return jnp.moveaxis(columns[..., :states] @ response + columns[..., states:] @ delays, -1, 0)
+
+    transfer = jax.tree.map(of, outputs)
+    transfer = jax.tree.map(lambda values: jnp.where(growth < 0.0, values, jnp.nan), transfer)
+    return wavenumber * speed / (2.0 * jnp.pi), transfer, growth
+
+
+def resolvent(
+    matrix: Float[Array, "states states"], omega: Float[Array, "waves"], right: Complex[Array, "states waves"]
+) -> tuple[Complex[Array, "states waves"], Float[Array, ""]]:
+    """(i w - E)^-1 b for every w (rad/s), each with its own b, and the largest real part of E's eigenvalues.
+
+    One eigendecomposition serves all frequencies and both modes of differentiation (`custom_linear_solve`); a step of iterative
+    refinement makes up for ill-conditioned eigenvectors.
+    """
+    values, vectors = jnp.linalg.eig(jax.lax.stop_gradient(matrix))
+    inverse = jnp.linalg.inv(vectors)
+    shifted = 1.0 / (1j * jax.lax.stop_gradient(omega) - values[:, None])
+
+    def times(x: Complex[Array, "states waves"]) -> Complex[Array, "states waves"]:
+        return 1j * omega * x - matrix @ x
+
+    def refined(apply, residual_of, b):
+        x = apply(b)
+        return x + apply(b - residual_of(x))
+
+    def solve(matvec, b):
+        return refined(lambda b: vectors @ (shifted * (inverse @ b)), matvec, b)
+
+    def transpose_solve(vecmat, b):
+        return refined(lambda b: inverse.T @ (shifted * (vectors.T @ b)), vecmat, b)
+
+    return jax.lax.custom_linear_solve(times, right, solve, transpose_solve), jnp.max(values.real)
+
+
+def _squared(values: Complex[Array, "..."]) -> Float[Array, "..."]:
+    return values.real**2 + values.imag**2
+
+
+def _first(values: Float[Array, "waves"], ndim: int) -> Float[Array, "waves ..."]:
+    """One value per wave, to be broadcast against `ndim` axes of which the wave is the first."""
+    return values.reshape((-1,) + (1,) * (ndim - 1))
