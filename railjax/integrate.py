@@ -204,8 +204,9 @@ def _inputs(
     return inputs
 
 
-def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[Array, ""]:
-    """Largest spectral radius of the state matrix with the flanges free and in contact, 1/s, from above by less than 1 %.
+def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: Scalar = 0.0) -> Float[Array, ""]:
+    """Largest spectral radius of the state matrix with the flanges free and in contact, 1/s: an upper bound, within 1 % or below
+    `enough`.
 
     Both, because the flange's spring slows the overdamped creep modes of low speed and quickens the others; and likewise
     within and beyond the corners of the other elements (`extremes`) and of the damper (`damper_extremes`). Gelfand: |E^(2^k)|^(1/2^k) by repeated squaring, so that
@@ -215,7 +216,7 @@ def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[Array
     matrices = [state_matrix(one, speed, law, flange=flange) for one, law, flange in cases]
     largest = max(len(matrix) for matrix in matrices)
     matrices = [jnp.pad(matrix, (0, largest - len(matrix))) for matrix in matrices]  # laws differ in their internal states
-    matrix = jax.lax.stop_gradient(jnp.stack(matrices))
+    matrix, enough = jax.lax.stop_gradient((jnp.stack(matrices), enough))
     n = size(vehicle)
     scale = jnp.where(jnp.arange(matrix.shape[-1]) < n, 100.0, 1.0)  # displacements against velocities: about the rates
     matrix = matrix * (scale[:, None] / scale)
@@ -223,14 +224,19 @@ def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[Array
     def norm(power: Float[Array, "k states states"]) -> Float[Array, "k 1 1"]:
         return jnp.sqrt(jnp.sum(power**2, axis=(-2, -1), keepdims=True))
 
-    def square(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
-        power, logarithm = carry
+    def bound(power: Array, logarithm: Array, doublings: Array) -> Array:
+        return jnp.max(jnp.exp((logarithm + jnp.log(norm(power))) / 2.0**doublings))
+
+    def square(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        power, logarithm, doublings = carry
         size_now = norm(power)
         power = (power / size_now) @ (power / size_now)
-        return (power, 2.0 * (logarithm + jnp.log(size_now))), None
+        return power, 2.0 * (logarithm + jnp.log(size_now)), doublings + 1
 
-    (power, logarithm), _ = jax.lax.scan(square, (matrix, jnp.zeros((len(matrices), 1, 1), matrix.dtype)), length=10)
-    return jnp.max(jnp.exp((logarithm + jnp.log(norm(power))) / 2.0**10))
+    def loose(carry: tuple[Array, Array, Array]) -> Array:
+        return (carry[2] < 10) & (bound(*carry) > enough)
+
+    return bound(*jax.lax.while_loop(loose, square, (matrix, jnp.zeros((len(matrices), 1, 1), matrix.dtype), jnp.array(0))))
 
 
 @jax.jit

@@ -21,7 +21,7 @@ from .kernels import one_kernel
 from .lanes import CHUNK, count_lanes, each_lane, over_lanes, own_axes
 from .motion import PASSIVE, state_size
 from .track import Speed, SpeedProfile, TangentTrack, Track, check_track
-from .typing import Number
+from .typing import Number, Scalar
 from .units import KMH
 from .vehicle import Vehicle, structure, without_labels
 
@@ -148,7 +148,7 @@ def simulate(
     bare = without_labels(vehicle)
     if isinstance(speed, SpeedProfile):
         speed = SpeedProfile(jnp.asarray(speed.time, float), jnp.asarray(speed.speed, float))
-    fastest = _fastest(bare, speed, damper)
+    fastest = _fastest(bare, speed, damper, STABLE_RADIUS / dt)
     too_large = dt * fastest > STABLE_RADIUS
     if not isinstance(too_large, jax.core.Tracer) and too_large.ndim == 0 and bool(too_large):
         slowest = float(jnp.min(speed.speed if isinstance(speed, SpeedProfile) else speed))
@@ -208,10 +208,10 @@ def _one_run(plan: Plan) -> Callable[[tuple], tuple[Run, Array]]:
 
 
 @jax.jit
-def _fastest(vehicle: Vehicle, speed: Speed, damper: Damper) -> Array:
-    """Fastest rate of each lane, 1/s, at the lowest speed."""
+def _fastest(vehicle: Vehicle, speed: Speed, damper: Damper, enough: Scalar) -> Array:
+    """Fastest rate of each lane, 1/s, at the lowest speed; loosely where it is surely below `enough`."""
     slowest = jnp.min(speed.speed) if isinstance(speed, SpeedProfile) else speed
-    trees, axes = (vehicle, slowest, damper), (own_axes(vehicle), 0, own_axes(damper))
+    trees, axes = (vehicle, slowest, damper, enough), (own_axes(vehicle), 0, own_axes(damper), 0)
     return fastest_rate(*trees) if count_lanes(trees, axes) is None else each_lane(fastest_rate, trees, axes)
 
 
