@@ -17,7 +17,7 @@ from .sampled_track import MARGIN, SampledTrack, register
 from .spectra import LONGEST, SHORTEST, Spectrum, spectrum
 from .typing import Scalar
 
-#: spacings of the spline in the shortest wavelength; see `RandomTrack`
+#: spacings of the spline in the shortest wavelength: 8 leave 5e-6 of the r.m.s. alignment of "erri-high" in images, 4 leave 1.3e-4
 CELLS_PER_WAVE = 8
 
 #: default period, m: 100 s at 360 km/h
@@ -48,7 +48,8 @@ class RandomTrack(SampledTrack):
     carried by a cubic spline whose coefficients are divided by its own spectrum sinc⁴(Ω h/2π): every wave keeps its amplitude,
     and what the spline adds are images of it, below 6.2e-4 of the shortest wave's amplitude and 4e-5 of one's twice as long.
 
-    In single precision the distance is rounded to 6e-8 of itself: 0.06 mm after 1 km, 4 mm after 100 km, on slopes of some 1e-3.
+    In single precision the distance is rounded to 6e-8 of itself: the alignment is off by 0.1 µm after 1 km and by 5 µm after 100 km.
+    `scaled` gives the same track with another amplitude.
 
     >>> track = RandomTrack("erri-high", seed=range(100))  # a hundred lanes  # doctest: +SKIP
 
