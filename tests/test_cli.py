@@ -155,6 +155,20 @@ def test_simulate_over_a_bump(run, coach):
     np.testing.assert_allclose(content["reductions"]["peak:wheelset_y"], expected["peak:wheelset_y"], rtol=1e-9)
 
 
+def test_simulate_over_real_track(run, coach, tmp_path):
+    options = ["--speed-kmh", 180, "--duration-s", 2, "--record", "wheelset_y", "--json"]
+    content = one_json_object(run("simulate", "coach", "--track", "fra-5", "--track-seed", 3, *options)[1])
+    track = railjax.RandomTrack("fra-5", seed=3)
+    expected = railjax.simulate(coach, 50.0, track=track, duration=2.0, reduce=["peak:wheelset_y"])
+    np.testing.assert_allclose(content["reductions"]["peak:wheelset_y"], expected["peak:wheelset_y"], rtol=1e-9)
+    assert any("seed 3" in entry for entry in content["assumed"])
+    path = tmp_path / "line.csv"
+    track.to_csv(path, length=400.0)
+    content = one_json_object(run("simulate", "coach", "--track", path, *options)[1])
+    expected = railjax.simulate(coach, 50.0, track=railjax.MeasuredTrack.from_csv(path), duration=2.0, reduce=["peak:wheelset_y"])
+    np.testing.assert_allclose(content["reductions"]["peak:wheelset_y"], expected["peak:wheelset_y"], rtol=1e-9)
+
+
 def test_simulate_writes_csv(run, tmp_path, coach):
     out = tmp_path / "run.csv"
     assert run(*SHORT, "--record", "carbody_y,wheelset_y", "--out", out)[0] == 0
@@ -195,6 +209,11 @@ def test_simulate_draws(run, tmp_path):
         (["critical-speed"], ["VEHICLE"]),
         (["critical"], ["critical"]),
         ([*SHORT, "--speed", "200"], ["--speed"]),
+        ([*SHORT, "--track", "eri-high"], ["--track", "nearest is 'erri-high'"]),
+        ([*SHORT, "--track", "none.csv"], ["--track: none.csv", "cannot be read"]),
+        ([*SHORT, "--track", "erri-high", "--track-seed", "-1"], ["seed must be a whole number"]),
+        ([*SHORT, "--track", "erri-high", "--amplitude-mm", "3"], ["--amplitude-mm", "exclude each other"]),
+        ([*SHORT, "--track-seed", "1"], ["--track-seed is for a random track"]),
         ([*SHORT, "--speed-kmh", "fast"], ["--speed-kmh", "number"]),
         ([*SHORT, "--speed-kmh", "0"], ["--speed-kmh must be a positive"]),
         ([*SHORT, "--speed-kmh", "-5", "--json"], ["--speed-kmh must be a positive, finite number, not -5"]),
