@@ -35,6 +35,9 @@ from .vehicle import Vehicle
 
 Values = Float[np.ndarray, "..."]
 
+#: seconds at either end that are filtered but not assessed
+MARGIN = 5.0
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -86,7 +89,7 @@ class Acceptance:
         absent = [criterion.name for key, criterion in CRITERIA.items() if key not in self.findings]
         return [
             "In the manner of UIC 518 / EN 14363, on straight track; no certificate.",
-            *([f"Lanes that diverged, not assessed: {np.sum(~self.ok)}."] if not np.all(self.ok) else []),
+            *([f"No sound run (diverged, or dt too large): {np.sum(~self.ok)} lane(s)."] if not np.all(self.ok) else []),
             *([f"Fewer than {self.minimum_sections} sections: too few to estimate a maximum."] if np.any(few) else []),
             *([f"Not in the record: {', '.join(absent)}."] if absent else []),
             *(f"Not assessed: {entry}." for entry in NOT_ASSESSED),
@@ -98,6 +101,11 @@ class Acceptance:
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and texts for JSON, SI units: of a batch {"lanes": [...], ...}, of a run the quantities themselves."""
         return plain(self)
+
+
+def default_section(speed: Number) -> Values:
+    """250 m up to 220 km/h and 500 m beyond: straight track, UIC 518 (recalled). Speed in m/s."""
+    return np.where(np.asarray(speed) * KMH > 220.0 + 1e-9, 500.0, 250.0)
 
 
 def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1.0, **options: Any) -> Acceptance:
@@ -118,7 +126,7 @@ def acceptance_of_record(
     bogie_mass: Number | None = None,
     prudhomme_factor: float = 1.0,
     section_length: float | None = None,
-    margin: float = 5.0,
+    margin: float = MARGIN,
     hunting_frequency: float | None = None,
     minimum_sections: int = SECTIONS,
 ) -> Acceptance:
@@ -150,7 +158,7 @@ def acceptance_of_record(
     if not (np.isfinite(margin) and margin >= 0.0):
         raise InputError(f"margin must be 0 or a positive number of seconds, not {margin}")
     speed = np.broadcast_to(np.asarray(_by_lane("speed", record.speed, lanes)), lanes)
-    length = np.where(speed * KMH > 220.0 + 1e-9, 500.0, 250.0) if section_length is None else np.full(lanes, section_length)
+    length = default_section(speed) if section_length is None else np.full(lanes, float(section_length))
     samples = len(next(iter(signals.values())))
     sections = np.floor(speed * ((samples - 1) / record.sampling_rate - 2.0 * margin) / length + 1e-9).astype(int)
     if np.any(ok & (sections < 1)):

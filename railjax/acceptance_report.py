@@ -47,7 +47,7 @@ def several_runs(result: "Acceptance") -> str:
             shares.append(share + mark[str(found.verdict[lane])])
         f0 = result.hunting_frequency[lane]
         first = (str(lane), f"{speed * KMH:.1f}", f"{f0:.2f}" if np.isfinite(f0) else "-", str(result.sections[lane]))
-        rows.append((*first, *shares, str(result.verdict[lane]) if result.ok[lane] else "diverged"))
+        rows.append((*first, *shares, str(result.verdict[lane]) if result.ok[lane] else "no sound run"))
     head = f"Running behaviour of {result.name or 'a vehicle'}, {len(result.speed)} lanes: per cent of the limit (* exceeded, ? not determined)"
     return "\n".join([head, *_aligned(rows), *(f"  {note}" for note in result.notes())])
 
