@@ -88,7 +88,7 @@ class Acceptance:
         few = self.ok & (self.sections < self.minimum_sections)
         absent = [criterion.name for key, criterion in CRITERIA.items() if key not in self.findings]
         return [
-            "In the manner of UIC 518 / EN 14363, on straight track; no certificate.",
+            "In the manner of UIC 518 / EN 14363, on straight track; no certificate. Limits and factors k are recalled: see CRITERIA.",
             *([f"No sound run (diverged, or dt too large): {np.sum(~self.ok)} lane(s)."] if not np.all(self.ok) else []),
             *([f"Fewer than {self.minimum_sections} sections: too few to estimate a maximum."] if np.any(few) else []),
             *([f"Not in the record: {', '.join(absent)}."] if absent else []),

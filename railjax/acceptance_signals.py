@@ -64,7 +64,7 @@ def sliding_rms(
     return starts, np.sqrt(np.maximum(squares, 0.0))
 
 
-def by_section(values: Signal, position: Float[np.ndarray, "samples"], length: float, count: int, rms: bool) -> Signal:
+def by_section(values: Signal, position: Float[np.ndarray, "samples"], length: float, count: int, rms: bool) -> Float[np.ndarray, "{count} parts"]:
     """Of each of `count` sections of `length` m: the r.m.s., or the larger of |F1| and |F2|; shape (count, parts).
 
     `position` of the samples in m from the start of the first section. Percentiles are interpolated linearly between samples.
