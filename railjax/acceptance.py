@@ -17,7 +17,6 @@ from .acceptance_criteria import (
     LOWEST,
     MEAN_OVER,
     NOT_ASSESSED,
-    PLACES,
     RMS_OVER,
     SECTIONS,
     SHORTEST,
@@ -79,9 +78,10 @@ class Acceptance:
 
     def lane(self, index: int) -> "Acceptance":
         """The result of a single lane."""
-        findings = {key: Finding(*(np.asarray(a)[index] for a in vars(f).values())) for key, f in self.findings.items()}
+        findings = {key: Finding(*(np.asarray(a[index]) for a in vars(f).values())) for key, f in self.findings.items()}
         arrays = (self.speed, self.hunting_frequency, self.sections, self.section_length)
-        return Acceptance(findings, *(a[index] for a in arrays), self.minimum_sections, self.ok[index], self.name)
+        own = (np.asarray(a[index]) for a in arrays)
+        return Acceptance(findings, *own, self.minimum_sections, np.asarray(self.ok[index]), self.name)
 
     def notes(self) -> list[str]:
         """What has to be known beside the numbers."""
@@ -141,11 +141,12 @@ def acceptance_of_record(
 
     Raises `InputError` for values that are not finite, a sampling rate below 200 Hz and a record shorter than one section.
     """
-    signals = {name: getattr(record, name) for name in PLACES if getattr(record, name) is not None}
-    signals = {name: np.asarray(values, float) for name, values in signals.items()}
-    lanes, ok = check_record(record, signals)
-    given = Given(*(_by_lane(key, value, lanes) for key, value in (("axle_load", axle_load), ("bogie_mass", bogie_mass))),
-                  _positive("prudhomme_factor", prudhomme_factor))  # fmt: skip
+    signals, lanes, ok = check_record(record)
+    given = Given(
+        _by_lane("axle_load", axle_load, lanes),
+        None if bogie_mass is None else _by_lane("bogie_mass", bogie_mass, lanes),
+        _positive("prudhomme_factor", prudhomme_factor),
+    )
     if "bogie_acceleration" in signals and given.bogie_mass is None:
         raise InputError("bogie_mass is needed for the limits of bogie accelerations, kg with wheelsets")
     for key, value in (("section_length", section_length), ("hunting_frequency", hunting_frequency)):
@@ -157,28 +158,28 @@ def acceptance_of_record(
         raise InputError(f"hunting_frequency {hunting_frequency:g} Hz is too high for {record.sampling_rate:g} samples a second")
     if not (np.isfinite(margin) and margin >= 0.0):
         raise InputError(f"margin must be 0 or a positive number of seconds, not {margin}")
-    speed = np.broadcast_to(np.asarray(_by_lane("speed", record.speed, lanes)), lanes)
+    speed = _by_lane("speed", record.speed, lanes)
     length = default_section(speed) if section_length is None else np.full(lanes, float(section_length))
     samples = len(next(iter(signals.values())))
-    sections = np.floor(speed * ((samples - 1) / record.sampling_rate - 2.0 * margin) / length + 1e-9).astype(int)
+    sections = np.floor(speed * (samples / record.sampling_rate - 2.0 * margin) / length + 1e-9).astype(int)
     if np.any(ok & (sections < 1)):
-        worst = np.argmin(np.where(ok, sections, np.iinfo(int).max))
-        needed = length.flat[worst] / speed.flat[worst] + 2.0 * margin
+        worst = np.argmin(np.where(ok, sections, sections.max() + 1))
+        needed = length[worst] / speed[worst] + 2.0 * margin
         raise InputError(
-            f"the record of {samples / record.sampling_rate:g} s at {speed.flat[worst] * KMH:g} km/h is shorter than a section of "
-            f"{length.flat[worst]:g} m and the margins; it takes {needed:.0f} s"
+            f"the record of {samples / record.sampling_rate:g} s at {speed[worst] * KMH:g} km/h is shorter than a section of "
+            f"{length[worst]:g} m and the margins; it takes {needed:.0f} s"
         )
     f0 = np.full(lanes, np.nan)
-    found = {key: np.full((5, *lanes), np.nan) for key, c in CRITERIA.items() if c.signal in signals}
-    for lane in np.ndindex(lanes):
-        if ok[lane]:
-            own = {name: values[(slice(None), slice(None), *lane)] for name, values in signals.items()}
-            frame = _Frame(record.sampling_rate, float(speed[lane]), margin, float(length[lane]), int(sections[lane]))
-            f0[lane] = _f0(own, frame) if hunting_frequency is None else hunting_frequency
-            for key in found:
-                found[key][(slice(None), *lane)] = _assess(CRITERIA[key], own, frame, float(f0[lane]))
+    found = {key: np.full((4, lanes), np.nan) for key, c in CRITERIA.items() if c.signal in signals}
+    for lane in np.flatnonzero(ok):
+        own = {name: values[..., lane] for name, values in signals.items()}
+        frame = _Frame(record.sampling_rate, float(speed[lane]), margin, float(length[lane]), int(sections[lane]))
+        f0[lane] = _f0(own, frame) if hunting_frequency is None else hunting_frequency
+        for key in found:
+            found[key][:, lane] = _assess(CRITERIA[key], own, frame, float(f0[lane]))
     findings = {key: _finding(CRITERIA[key], values, given, sections >= minimum_sections) for key, values in found.items()}
-    return Acceptance(findings, speed, f0, np.where(ok, sections, 0), length, minimum_sections, ok, record.name)
+    result = Acceptance(findings, speed, f0, np.where(ok, sections, 0), length, minimum_sections, ok, record.name)
+    return result if record.lanes else result.lane(0)
 
 
 class _Frame(NamedTuple):
@@ -202,17 +203,17 @@ def _f0(signals: dict[str, Values], frame: _Frame) -> float:
 
 
 def _assess(criterion: Criterion, signals: dict[str, Values], frame: _Frame, f0: float) -> tuple[float, ...]:
-    """Value, largest value of a section or window, its part (1 in front) and position in m, and whether it needs no sections."""
+    """Value, largest value of a section or window, its part (1 in front) and its start in m."""
     low, high = criterion.band or (max(f0 - HALF_BAND, LOWEST), f0 + HALF_BAND)
     values = frame.inner(filtered(signals[criterion.signal], frame.rate, low, high))
     spacing = frame.speed / frame.rate
     if criterion.statistic == "sliding rms":
         starts, per_window = sliding_rms(values, spacing, *RMS_OVER)
         if not len(starts):
-            return np.nan, np.nan, np.nan, np.nan, 1.0
+            return np.nan, np.nan, np.nan, np.nan
         window, part = np.unravel_index(np.argmax(per_window), per_window.shape)
         worst = per_window[window, part]
-        return worst, worst, part + 1, frame.margin * frame.speed + starts[window], 1.0
+        return worst, worst, float(part + 1), frame.margin * frame.speed + starts[window]
     if criterion.signal == "guiding_force":
         starts, values = sliding_mean(values, spacing, *MEAN_OVER)
         position = starts + 0.5 * MEAN_OVER[0]
@@ -223,13 +224,13 @@ def _assess(criterion: Criterion, signals: dict[str, Values], frame: _Frame, f0:
     part = np.argmax(maxima) if len(each) > 1 else np.argmax(each[0])
     section = np.argmax(each[:, part])
     start = frame.margin * frame.speed + section * frame.length
-    return maxima[part], each.max(), part + 1, start, 0.0
+    return maxima[part], each.max(), float(part + 1), start
 
 
 def _finding(criterion: Criterion, found: Values, given: Given, enough: Bool[np.ndarray, "..."]) -> Finding:
-    value, largest, part, position, windowed = found
+    value, largest, part, position = found
     limit = np.broadcast_to(np.asarray(criterion.limit(given), float), value.shape)
-    determined = (enough | (windowed == 1.0)) & np.isfinite(value)
+    determined = (enough | (criterion.statistic == "sliding rms")) & np.isfinite(value)
     beyond = np.where(determined, value, largest) > limit
     verdict = np.where(beyond, "exceeded", np.where(determined, "met", "not determined"))
     return Finding(value, limit, largest, np.nan_to_num(part).astype(int), position, verdict)
@@ -242,10 +243,8 @@ def _positive(key: str, value: Any) -> Any:
     return value
 
 
-def _by_lane(key: str, value: Any, lanes: tuple[int, ...]) -> Any:
-    if value is None:
-        return None
+def _by_lane(key: str, value: Any, lanes: int) -> Float[np.ndarray, "{lanes}"]:
     array = np.asarray(_positive(key, value), float)
-    if array.ndim and array.shape != lanes:
-        raise InputError(f"{key} has {array.shape} values for lanes of shape {lanes}; give one number or one per lane")
-    return array
+    if array.ndim and array.shape != (lanes,):
+        raise InputError(f"{key} must be one number or one for each of {lanes} lane(s), not of shape {array.shape}")
+    return np.broadcast_to(array, (lanes,))

@@ -35,6 +35,11 @@ class RunningRecord:
     ok: Any = True
     name: str = ""
 
+    @property
+    def lanes(self) -> bool:
+        """Whether it is a batch."""
+        return any(np.ndim(getattr(self, name)) > 2 for name in PLACES)
+
 
 def acceptance_channels(vehicle: Vehicle) -> tuple[str, ...]:
     """The channels that `acceptance` reads of a run of this vehicle: `simulate(..., record=acceptance_channels(vehicle))`."""
@@ -81,8 +86,13 @@ def _over_bogies(vehicle: Vehicle, groups: dict[str, Any]) -> Float[Array, "samp
     return jnp.moveaxis(of_carbody(vehicle, groups), 0, 1)
 
 
-def check_record(record: RunningRecord, signals: dict[str, Values]) -> tuple[tuple[int, ...], Bool[np.ndarray, "..."]]:
-    """Shape of the lanes and which of them count; raises `InputError` for what cannot be assessed."""
+def check_record(record: RunningRecord) -> tuple[dict[str, Float[np.ndarray, "..."]], int, Bool[np.ndarray, "lanes"]]:
+    """The signals as (samples, parts, lanes), how many lanes and which of them count; a single run is one lane.
+
+    Raises `InputError` for what cannot be assessed.
+    """
+    given = {name: getattr(record, name) for name in PLACES if getattr(record, name) is not None}
+    signals = {name: np.asarray(values, float) for name, values in given.items()}
     if not signals:
         raise InputError(f"the record is empty: give at least one of {', '.join(PLACES)}")
     if not (np.isfinite(record.sampling_rate) and record.sampling_rate >= SAMPLING * (1.0 - 1e-9)):
@@ -90,17 +100,20 @@ def check_record(record: RunningRecord, signals: dict[str, Values]) -> tuple[tup
             f"sampling_rate must be {SAMPLING:g} Hz or more, not {record.sampling_rate:g}: simulate with sample={1.0 / SAMPLING:g}"
         )
     for name, values in signals.items():
-        if values.ndim < 2:
-            raise InputError(f"{name} must have shape (samples, {PLACES[name]}s, *lanes), not {values.shape}")
+        if values.ndim not in (2, 3) or not values.size:
+            raise InputError(
+                f"{name} must have shape (samples, {PLACES[name]}s) or (samples, {PLACES[name]}s, lanes), not {values.shape}"
+            )
     shapes = {name: (len(values), *values.shape[2:]) for name, values in signals.items()}
     if len(set(shapes.values())) > 1:
         raise InputError(f"samples and lanes must agree: {', '.join(f'{n} has {s}' for n, s in shapes.items())}")
-    lanes = next(iter(shapes.values()))[1:]
-    ok = np.broadcast_to(np.asarray(record.ok, bool), lanes)
+    signals = {name: values.reshape((*values.shape[:2], -1)) for name, values in signals.items()}
+    lanes = next(iter(signals.values())).shape[2]
+    ok = np.broadcast_to(np.asarray(record.ok, bool), (lanes,))
     for name, values in signals.items():
         bad = np.argwhere(~np.isfinite(values) & ok)
         if len(bad):
             raise InputError(
                 f"{name} is not finite at sample {bad[0][0]} of {PLACES[name]} {bad[0][1] + 1}; cut such samples out"
             )
-    return lanes, ok
+    return signals, lanes, ok

@@ -17,28 +17,32 @@ PERCENTILES = (0.15, 99.85)
 HUNTING_BAND = (1.0, 12.0)
 
 
-def filtered(values: Signal, rate: float, low: float | None = None, high: float | None = None) -> Signal:
-    """Band-pass from `low` to `high` Hz (None: open at that end) of samples at `rate` Hz, without shifting the phase.
+def filtered(values: Signal, rate: float, low: float | None, high: float) -> Signal:
+    """Band-pass from `low` to `high` Hz (`low` None: low-pass) of samples at `rate` Hz, without shifting the phase.
 
     UIC 518 and EN 14363 ask of the magnitude only (recalled): -3 dB at the corner, at least 24 dB an octave beyond, within
-    0.5 dB of the nominal curve up to it. Here Butterworth filters of order 4 run forwards and backwards, so that a peak keeps
-    its place in the run, with corners moved such that both passes together have the -3 dB where they are to be:
+    0.5 dB of the nominal curve up to it. Here a Butterworth filter of order 4 runs forwards and backwards, so that a peak keeps
+    its place in the run, with its corners moved such that both passes together have the -3 dB where they are to be:
 
-        |H| = 1/(1 + (√2 - 1)(f/f_c)^8),
+        |H| = 1/(1 + (√2 - 1) x^8),  x = f/f_2,  or of a band  x = (f^2 - f_1 f_2)/(f (f_2 - f_1)),
 
-    within 0.15 dB of a fourth-order Butterworth filter up to f_c, 38 dB down in the octave beyond.
+    f on the warped axis tan(π f/rate) of the bilinear transformation: within 0.15 dB of a fourth-order Butterworth filter up to
+    the corner, 38 dB down in the octave beyond.
     """
     from scipy.signal import butter, sosfiltfilt
 
     share = (np.sqrt(2.0) - 1.0) ** (0.5 / ORDER)
-    # slower than this nothing remains of the ends' transient
-    pad = min(len(values) - 1, round(2.0 * rate / (low or high)))
-    for kind, corner, factor in (("highpass", low, share), ("lowpass", high, 1.0 / share)):
-        if corner is not None:
-            # the corner moves along the warped frequency axis of the bilinear transformation
-            moved = np.arctan(factor * np.tan(np.pi * corner / rate)) * rate / np.pi
-            values = sosfiltfilt(butter(ORDER, moved, kind, fs=rate, output="sos"), values, axis=0, padlen=pad)
-    return values
+    upper = np.tan(np.pi * high / rate)
+    if low is None:
+        corners, kind, slowest = upper / share, "lowpass", high
+    else:
+        lower, kind, slowest = np.tan(np.pi * low / rate), "bandpass", low
+        width = (upper - lower) / share
+        first = 0.5 * (np.sqrt(width**2 + 4.0 * lower * upper) - width)
+        corners = np.array([first, first + width])
+    sections = butter(ORDER, np.arctan(corners) * rate / np.pi, kind, fs=rate, output="sos")
+    # two periods of the slowest: beyond it nothing is felt of the ends
+    return sosfiltfilt(sections, values, axis=0, padlen=min(len(values) - 1, round(2.0 * rate / slowest)))
 
 
 def sliding_mean(
@@ -64,7 +68,9 @@ def sliding_rms(
     return starts, np.sqrt(np.maximum(squares, 0.0))
 
 
-def by_section(values: Signal, position: Float[np.ndarray, "samples"], length: float, count: int, rms: bool) -> Float[np.ndarray, "{count} parts"]:
+def by_section(
+    values: Signal, position: Float[np.ndarray, "samples"], length: float, count: int, rms: bool
+) -> Float[np.ndarray, "{count} parts"]:
     """Of each of `count` sections of `length` m: the r.m.s., or the larger of |F1| and |F2|; shape (count, parts).
 
     `position` of the samples in m from the start of the first section. Percentiles are interpolated linearly between samples.
