@@ -42,9 +42,9 @@ MARGIN = 5.0
 class Finding:
     """One quantity of the standard, arrays (*lanes).
 
-    `value` is what is compared with `limit` (the estimated maximum, or the largest sliding r.m.s.; NaN where there is none),
-    `largest` the largest value of a single section or window; there it was at `part` (1 in front), `position` m from the
-    start of the record. `verdict` is "met", "exceeded" or "not determined".
+    `value` is what is compared with `limit`: the largest of the parts' estimated maxima, or the largest sliding r.m.s. (NaN
+    where there is none). `largest` is the largest value of a single section or window, which was found at `part` (wheelset, axle
+    or bogie, 1 in front) and begins `position` m from the start of the record. `verdict`: "met", "exceeded", "not determined".
     """
 
     value: Values
@@ -88,7 +88,7 @@ class Acceptance:
         few = self.ok & (self.sections < self.minimum_sections)
         absent = [criterion.name for key, criterion in CRITERIA.items() if key not in self.findings]
         return [
-            "In the manner of UIC 518 / EN 14363, on straight track; no certificate. Limits and factors k are recalled: see CRITERIA.",
+            "In the manner of UIC 518 / EN 14363, on straight track; no certificate. Limits and factors k are recalled; to_dict() names the sources.",
             *([f"No sound run (diverged, or dt too large): {np.sum(~self.ok)} lane(s)."] if not np.all(self.ok) else []),
             *([f"Fewer than {self.minimum_sections} sections: too few to estimate a maximum."] if np.any(few) else []),
             *([f"Not in the record: {', '.join(absent)}."] if absent else []),
@@ -153,7 +153,7 @@ def acceptance_of_record(
         if value is not None:
             _positive(key, value)
     if section_length is not None and section_length < SHORTEST:
-        raise InputError(f"section_length must be {SHORTEST:g} m or more for a percentile of {0.15} %, not {section_length:g}")
+        raise InputError(f"section_length must be {SHORTEST:g} m or more for its percentiles, not {section_length:g}")
     if hunting_frequency is not None and hunting_frequency + HALF_BAND >= 0.5 * record.sampling_rate:
         raise InputError(f"hunting_frequency {hunting_frequency:g} Hz is too high for {record.sampling_rate:g} samples a second")
     if not (np.isfinite(margin) and margin >= 0.0):
@@ -203,7 +203,7 @@ def _f0(signals: dict[str, Values], frame: _Frame) -> float:
 
 
 def _assess(criterion: Criterion, signals: dict[str, Values], frame: _Frame, f0: float) -> tuple[float, ...]:
-    """Value, largest value of a section or window, its part (1 in front) and its start in m."""
+    """What is compared with the limit; the largest value of a section or window, its part (1 in front) and its start in m."""
     low, high = criterion.band or (max(f0 - HALF_BAND, LOWEST), f0 + HALF_BAND)
     values = frame.inner(filtered(signals[criterion.signal], frame.rate, low, high))
     spacing = frame.speed / frame.rate
@@ -220,11 +220,10 @@ def _assess(criterion: Criterion, signals: dict[str, Values], frame: _Frame, f0:
     else:
         position = spacing * np.arange(len(values))
     each = by_section(values, position, frame.length, frame.sections, criterion.statistic == "rms")
-    maxima = each.mean(axis=0) + criterion.k * each.std(axis=0, ddof=1) if len(each) > 1 else np.full(each.shape[1], np.nan)
-    part = np.argmax(maxima) if len(each) > 1 else np.argmax(each[0])
-    section = np.argmax(each[:, part])
+    section, part = np.unravel_index(np.argmax(each), each.shape)
     start = frame.margin * frame.speed + section * frame.length
-    return maxima[part], each.max(), float(part + 1), start
+    estimate = np.max(each.mean(axis=0) + criterion.k * each.std(axis=0, ddof=1)) if len(each) > 1 else np.nan
+    return estimate, each[section, part], float(part + 1), start
 
 
 def _finding(criterion: Criterion, found: Values, given: Given, enough: Bool[np.ndarray, "..."]) -> Finding:

@@ -32,10 +32,12 @@ def acceptance(
 
     Example: railjax acceptance coach --speed-kmh 160 --speed-kmh 200 --track erri-high
     """
+    import jax.numpy as jnp
+
     from . import RandomTrack, simulate
     from .acceptance import MARGIN, default_section
     from .acceptance import acceptance as assess
-    from .acceptance_criteria import SAMPLING, SECTIONS
+    from .acceptance_criteria import SAMPLING, SECTIONS, SHORTEST
     from .acceptance_record import acceptance_channels
     from .units import KMH
 
@@ -52,14 +54,18 @@ def acceptance(
     loaded = load(vehicle)
     speeds = [speed / KMH for speed in speed_kmh]
     law = make_damper(damper, loaded, speeds[0], alpha)
+    if section_m is not None and section_m < SHORTEST:
+        raise InputError(f"--section-m must be {SHORTEST:g} or more, not {section_m:g}")
+    sections = [section_m or float(default_section(speed)) for speed in speeds]
+    ends = [2.0 * MARGIN * speed for speed in speeds]
     if length_m is None:
         # a metre more, so that rounding leaves all sections whole
-        sections = [section_m or float(default_section(speed)) for speed in speeds]
-        length_m = max(SECTIONS * section + 2.0 * MARGIN * speed for section, speed in zip(sections, speeds, strict=True)) + 1.0
+        length_m = max(SECTIONS * section + end for section, end in zip(sections, ends, strict=True)) + 1.0
+    shortest = max(section + end for section, end in zip(sections, ends, strict=True))
+    if length_m < shortest:
+        raise InputError(f"--length-m {length_m:g} does not hold a section and the margins; give {math.ceil(shortest)} or more")
     samples = math.ceil(length_m / (min(speeds) * every * dt_s)) + 1
     random = RandomTrack(track, seed=seed, length=max(1000.0, samples * every * dt_s * max(speeds)))
-    import jax.numpy as jnp
-
     run = simulate(
         loaded,
         speeds[0] if len(speeds) == 1 else jnp.asarray(speeds),

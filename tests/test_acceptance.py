@@ -457,8 +457,8 @@ def test_command_line(capsys):
     [
         (["--speed-kmh", "nan"], "--speed-kmh must be a positive"),
         (["--track", "erri-hi"], "erri-high"),
-        (["--length-m", "300"], "shorter than a section"),
-        (["--section-m", "20"], "section_length must be 70 m"),
+        (["--length-m", "300"], "--length-m 300 does not hold a section and the margins; give 806 or more"),
+        (["--section-m", "20"], "--section-m must be 70 or more"),
         (["--dt-s", "0.01"], "--dt-s must be 0.005 or less"),
         (["--prudhomme-factor", "-1"], "--prudhomme-factor must be a positive"),
         (["--seed", "-1"], "seed must be a whole number"),
