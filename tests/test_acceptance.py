@@ -240,7 +240,7 @@ def test_the_coach_at_160_passes_and_hunting_at_250_fails(batch):
     for key in ("instability_force", "instability_bogie"):
         assert hunting.findings[key].verdict == "exceeded"
         assert slow.findings[key].value < 0.3 * slow.findings[key].limit
-    for text in ("f0 =", "no certificate", "Y/Q", "axle 2", "met"):
+    for text in ("f0 =", "no certificate", "Y/Q", "axle ", "wheelset ", "met"):
         assert text in str(slow)
     assert "lanes" in batch.to_dict()
     assert " *" in str(batch)
