@@ -9,13 +9,16 @@ differentiable, so a run sees no kinks.
 import copy
 import dataclasses
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .track import Alignment, Distances
+from .errors import InputError
+from .spectra import TableSpectrum
+from .track import Alignment, Distances, alignment
 from .typing import Number, Scalar
 
 T = TypeVar("T", bound="SampledTrack")
@@ -58,6 +61,20 @@ class SampledTrack:
         scaled._set(amplitude=amplitude)
         return scaled
 
+    def to_csv(self, path: str | Path, length: float | None = None, step: float | None = None) -> None:
+        """Write distance (m) and alignment (mm), fade-in and amplitude included, for other programs or `MeasuredTrack.from_csv`.
+
+        From 0 to `length` (default the whole table) in steps of `step` (default the spacing), m. Raises `InputError` for lanes, and
+        for a file that cannot be written.
+        """
+        length, step = length or self.length, step or self.spacing
+        distance = step * np.arange(int(length / step + 1e-9) + 1)
+        columns = np.column_stack([distance, 1e3 * np.asarray(alignment(_single(self), distance))])
+        try:
+            np.savetxt(path, columns, delimiter=",", header="distance (m),alignment (mm)", comments="", fmt="%.9g")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+
     def seen_from(self, offset: Distances) -> Alignment:
         """η(start + offset). Both distances are split into cell and fraction before they are added, so that in single precision
         the wheelsets' distances from each other stay exact however far the run."""
@@ -83,6 +100,33 @@ class SampledTrack:
         whole = jnp.floor(along)
         cell = whole.astype(jnp.int32)
         return (cell % cells if self.periodic else cell), along - whole
+
+
+def _single(track: T) -> T:
+    """The track, if it is one and not lanes of them."""
+    if jnp.ndim(track.coefficients) > 1 or jnp.ndim(track.amplitude) > 0:
+        raise InputError("this is for one track, and the seeds or amplitudes make lanes of several")
+    return track
+
+
+def spectrum_of(track: SampledTrack, segment: float = 1000.0) -> TableSpectrum:
+    """Estimate of a track's spectrum by Welch's method (Hann window, overlapping by half), as points of m²/(rad/m) over rad/m.
+
+    `segment` in m sets the resolution, 2π/segment; it is cut to a quarter of the track. The fade-in of random tracks is left
+    out, so a random track of the spectrum of a measured one is `RandomTrack(spectrum_of(measured))`. Raises `InputError` for
+    lanes.
+    """
+    from scipy.signal import welch
+
+    table = float(_single(track).amplitude) * np.asarray(track.coefficients, float)
+    # between the ends of a measured track's straight parts
+    there = slice(None) if track.periodic else slice(*(np.flatnonzero(np.abs(table) > 1e-6 * np.abs(table).max())[[0, -1]]))
+    samples = ((table[:-2] + 4.0 * table[1:-1] + table[2:]) / 6.0)[there]
+    frequency, density = welch(
+        samples, 1.0 / track.spacing, nperseg=max(16, min(round(segment / track.spacing), samples.size // 4)), detrend=False
+    )
+    kept = density[1:] > 0.0
+    return TableSpectrum.checked(2.0 * np.pi * frequency[1:][kept], density[1:][kept] / (2.0 * np.pi))
 
 
 def cubic(table: Float[Array, "k *lanes"], cell: Int[Array, "..."], part: Distances) -> Distances:
