@@ -11,7 +11,7 @@ from .acceptance_criteria import PLACES, SAMPLING
 from .deflections import deflections, layout, of_carbody
 from .errors import InputError
 from .simulate import Simulation
-from .track import SpeedProfile
+from .speed_profile import SpeedProfile
 from .typing import Number
 from .vehicle import Vehicle
 

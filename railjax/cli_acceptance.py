@@ -6,16 +6,20 @@ from typing import Annotated
 import typer
 
 from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
-from .cli_simulate import DAMPERS, make_damper
+from .cli_simulate import DAMPERS, make_damper, make_track
 from .errors import InputError, NumericalError
 
 
 def acceptance(
     vehicle: VehicleName,
     speed_kmh: Annotated[list[float], typer.Option(help="Speed in km/h; may be repeated.")] = [200.0],  # noqa: B006
-    track: Annotated[str, typer.Option(help="Spectrum: erri-low, erri-high, fra-1 to fra-6, or a CSV file.")] = "erri-high",
-    seed: Annotated[int, typer.Option(help="Seed of the random track.")] = 0,
-    length_m: Annotated[float | None, typer.Option(help="Length of the run in m (default: 25 sections and the margins).")] = None,
+    track: Annotated[
+        str, typer.Option(help="A random track, erri-low, erri-high, fra-1 to fra-6; or a measured one, a .csv file.")
+    ] = "erri-high",
+    track_seed: Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")] = None,
+    length_m: Annotated[
+        float | None, typer.Option(help="Length of the run in m (default: 25 sections and the margins; all of a measured track).")
+    ] = None,
     section_m: Annotated[
         float | None, typer.Option(help="Length of a section in m (default: 250 up to 220 km/h, 500 beyond).")
     ] = None,
@@ -34,7 +38,7 @@ def acceptance(
     """
     import jax.numpy as jnp
 
-    from . import RandomTrack, simulate
+    from . import simulate
     from .acceptance import MARGIN, default_section
     from .acceptance import acceptance as assess
     from .acceptance_criteria import SAMPLING, SECTIONS, SHORTEST
@@ -58,18 +62,27 @@ def acceptance(
         raise InputError(f"--section-m must be {SHORTEST:g} or more, not {section_m:g}")
     sections = [section_m or float(default_section(speed)) for speed in speeds]
     ends = [2.0 * MARGIN * speed for speed in speeds]
+    line = None
+    if track.lower().endswith(".csv"):
+        line, _ = make_track(track, track_seed)
+        # beyond its end the track is straight, which would pass as smooth
+        whole = float(line.label.distance[-1] - line.label.distance[0])
+        if len(speeds) > 1 or (length_m or 0.0) > whole:
+            raise InputError(f"--track {track} is {whole:g} m long: give a --length-m within it and one --speed-kmh")
+        length_m = length_m or whole
     if length_m is None:
         # a metre more, so that rounding leaves all sections whole
         length_m = max(SECTIONS * section + end for section, end in zip(sections, ends, strict=True)) + 1.0
     shortest = max(section + end for section, end in zip(sections, ends, strict=True))
     if length_m < shortest:
         raise InputError(f"--length-m {length_m:g} does not hold a section and the margins; give {math.ceil(shortest)} or more")
-    samples = math.ceil(length_m / (min(speeds) * every * dt_s)) + 1
-    random = RandomTrack(track, seed=seed, length=max(1000.0, samples * every * dt_s * max(speeds)))
+    samples = math.ceil(length_m / (min(speeds) * every * dt_s))
+    if line is None:
+        line, _ = make_track(track, track_seed, length=max(1000.0, 100.0 + samples * every * dt_s * max(speeds)))
     run = simulate(
         loaded,
         speeds[0] if len(speeds) == 1 else jnp.asarray(speeds),
-        track=random,
+        track=line,
         damper=law,
         duration=samples * every * dt_s,
         dt=dt_s,
@@ -81,6 +94,6 @@ def acceptance(
     found = assess(
         loaded, run, prudhomme_factor=prudhomme_factor, section_length=section_m, hunting_frequency=hunting_frequency_hz
     )
-    content = {**found.to_dict(), "track": track, "seed": seed, "damper": damper, "calibrated": calibrated(loaded)}
-    place = f"track {track}, seed {seed}; damper {damper}"
+    content = {**found.to_dict(), "track": str(line).splitlines()[0], "damper": damper, "calibrated": calibrated(loaded)}
+    place = f"track: {content['track']}; damper: {damper}"
     show(content, [str(found), place, *[f"calibrated, not predicted: {entry}" for entry in content["calibrated"]]], as_json)
