@@ -9,6 +9,8 @@
 Importing it changes no JAX configuration and starts no backend.
 """
 
+from .acceptance import Acceptance, acceptance, acceptance_of_record
+from .acceptance_record import RunningRecord, acceptance_channels
 from .bouc_wen import BoucWen
 from .calibrate import Calibration, calibrate
 from .channels import CHANNELS
@@ -47,6 +49,7 @@ __version__ = "0.1.0"
 __all__ = [
     "ADD",
     "CHANNELS",
+    "Acceptance",
     "BalanceLogic",
     "BoucWen",
     "BoucWenDamper",
@@ -77,6 +80,7 @@ __all__ = [
     "Record",
     "Result",
     "RootLocus",
+    "RunningRecord",
     "Simulation",
     "SinusoidTrack",
     "Skyhook",
@@ -88,6 +92,9 @@ __all__ = [
     "TangentTrack",
     "Vehicle",
     "YawDamper",
+    "acceptance",
+    "acceptance_channels",
+    "acceptance_of_record",
     "alignment",
     "calibrate",
     "contact_ellipse",

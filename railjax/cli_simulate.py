@@ -55,9 +55,17 @@ def make_damper(name: str, vehicle: "Vehicle", speed: float, alpha: float | None
 
 
 def make_track(
-    name: str | None, seed: int | None, amplitude_mm: float | None, wavelength_m: float | None, bump_m: float | None
+    name: str | None,
+    seed: int | None,
+    amplitude_mm: float | None = None,
+    wavelength_m: float | None = None,
+    bump_m: float | None = None,
+    **random: float,
 ) -> tuple["Track", list[str]]:
-    """The track of `--track` (a spectrum's name or a CSV file) or of the other options, and what it rests on. Raises `InputError`."""
+    """The track of `--track` (a spectrum's name or a CSV file) or of the other options, and what it rests on. Raises `InputError`.
+
+    `random`, what a `RandomTrack` takes beside its seed.
+    """
     from . import BumpTrack, MeasuredTrack, RandomTrack, SinusoidTrack
 
     measured = name is not None and name.lower().endswith(".csv")
@@ -71,7 +79,7 @@ def make_track(
         if value is not None:
             raise InputError(f"--{option} and --track exclude each other: give one")
     try:
-        found = MeasuredTrack.from_csv(name) if measured else RandomTrack(name, seed=seed or 0)
+        found = MeasuredTrack.from_csv(name) if measured else RandomTrack(name, seed=seed or 0, **random)
     except InputError as error:
         raise InputError(f"--track: {error}") from None
     return found, [f"track: {line.strip()}" for line in str(found).splitlines()]
