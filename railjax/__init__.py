@@ -12,6 +12,7 @@ Importing it changes no JAX configuration and starts no backend.
 from .bouc_wen import BoucWen
 from .calibrate import Calibration, calibrate
 from .channels import CHANNELS
+from .comfort import Comfort, comfort, floor_acceleration
 from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
 from .dampers import MaxwellDamper, PassiveDamper
 from .errors import InputError, NumericalError
@@ -33,7 +34,8 @@ from .simulate import Result, Simulation, simulate
 from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
-from .weightings import weighting
+from .vibration import sperling, weighted_acceleration, weighted_rms
+from .weightings import weighting, weighting_filter
 
 __version__ = "0.1.0"
 
@@ -48,6 +50,7 @@ __all__ = [
     "BumpTrack",
     "Calibration",
     "ClippedLQR",
+    "Comfort",
     "Hunting",
     "HybridDamper",
     "Identification",
@@ -74,9 +77,11 @@ __all__ = [
     "YawDamper",
     "alignment",
     "calibrate",
+    "comfort",
     "contact_ellipse",
     "creep_coefficients",
     "first_lyapunov_coefficient",
+    "floor_acceleration",
     "get_parameter",
     "hunting_branch",
     "identify_damper",
@@ -97,9 +102,13 @@ __all__ = [
     "set_parameter",
     "simulate",
     "speed_ramp",
+    "sperling",
     "state_matrix",
     "track_matrix",
     "use_all_cores",
     "use_double_precision",
+    "weighted_acceleration",
+    "weighted_rms",
     "weighting",
+    "weighting_filter",
 ]
