@@ -28,9 +28,11 @@ from .mr_dampers import BoucWenDamper, HybridDamper
 from .normal_form import first_lyapunov_coefficient
 from .precision import use_double_precision
 from .ramp import Ramp, speed_ramp
+from .random_track import RandomTrack
 from .record import Record, read_record
 from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from .simulate import Result, Simulation, simulate
+from .spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
 from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
@@ -51,6 +53,9 @@ __all__ = [
     "Calibration",
     "ClippedLQR",
     "Comfort",
+    "ErriSpectrum",
+    "FormulaSpectrum",
+    "FraSpectrum",
     "Hunting",
     "HybridDamper",
     "Identification",
@@ -64,14 +69,17 @@ __all__ = [
     "NumericalError",
     "PassiveDamper",
     "Ramp",
+    "RandomTrack",
     "Record",
     "Result",
     "RootLocus",
     "Simulation",
     "SinusoidTrack",
     "Skyhook",
+    "Spectrum",
     "SpeedProfile",
     "Stability",
+    "TableSpectrum",
     "TangentTrack",
     "Vehicle",
     "YawDamper",
@@ -101,6 +109,7 @@ __all__ = [
     "root_locus",
     "set_parameter",
     "simulate",
+    "spectrum",
     "speed_ramp",
     "sperling",
     "state_matrix",

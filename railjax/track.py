@@ -92,18 +92,23 @@ class BumpTrack:
 
 
 def check_track(track: Track) -> None:
-    """Refuse numbers that are not finite and a wavelength or length that is not positive, where they are known."""
+    """Refuse numbers that are not finite and lengths that are not positive, where they are known."""
     if not dataclasses.is_dataclass(track):
         return
-    for key in (field.name for field in dataclasses.fields(track)):
-        value = getattr(track, key)
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
+    for field in dataclasses.fields(track):
+        key, value = field.name, getattr(track, field.name)
+        if (
+            field.metadata.get("static")
+            or value is None
+            or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
+        ):
             continue
         # NumPy, because under `jit` even constants become tracers of jax.numpy
         array = np.asarray(value, float)
-        if not np.all(np.isfinite(array)):
-            raise InputError(f"track.{key} must be finite (m), not {value}")
-        if key in ("wavelength", "length") and not np.all(array > 0):
+        wrong = ~np.isfinite(array)
+        if np.any(wrong):
+            raise InputError(f"track.{key} must be finite, not {array[wrong][0]}")
+        if key in ("wavelength", "length", "spacing", "fade") and not np.all(array > 0):
             raise InputError(f"track.{key} must be positive (m), not {value}")
 
 
