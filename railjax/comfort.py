@@ -70,7 +70,7 @@ class Comfort:
     mean: Values | None
     sperling: dict[str, Values]
     sperling_bands: dict[str, Float[np.ndarray, "bands *lanes"]]
-    sperling_exponents: tuple[float, float]
+    sperling_exponents: tuple[float | int, float | int]
     dose: dict[str, Values]
     running: dict[str, Values]
     crest: dict[str, Values]
@@ -136,16 +136,16 @@ class Comfort:
 
 def comfort(
     acceleration: ArrayLike | Simulation | Mapping[str, ArrayLike],
-    sampling_rate: float | None = None,
+    sampling_rate: float | int | None = None,
     *,
     direction: str = "lateral",
     weightings: Mapping[str, str] | None = None,
     channel: str | None = None,
     place: str | int | None = None,
     mean: bool = True,
-    settle: float = 0.0,
-    sperling_exponent: float = 1.0 / 6.67,
-    sperling_power: float = 6.67,
+    settle: float | int = 0.0,
+    sperling_exponent: float | int = 1.0 / 6.67,
+    sperling_power: float | int = 6.67,
 ) -> Comfort:
     """Ride comfort from accelerations of the floor in m/s^2.
 
@@ -199,9 +199,9 @@ def _report(
     records: dict[str, Float[np.ndarray, "samples *lanes"]],
     names: dict[str, str],
     sampling_rate: float,
-    settle: float,
+    settle: float | int,
     mean: bool,
-    exponents: tuple[float, float],
+    exponents: tuple[float | int, float | int],
     places: tuple[str, ...],
     ok: np.ndarray | bool,
 ) -> Comfort:

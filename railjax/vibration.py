@@ -21,7 +21,7 @@ RUNNING = 1.0  # ISO 2631-1, for MTVV
 THIRD_OCTAVES = tuple(range(-3, 16))
 
 
-def weighted_acceleration(acceleration: ArrayLike, sampling_rate: float, name: str) -> History:
+def weighted_acceleration(acceleration: ArrayLike, sampling_rate: float | int, name: str) -> History:
     """A frequency-weighted acceleration, in the unit of `acceleration`, of shape (samples, *lanes), at rest before it begins.
 
     In the frequency domain: the record, followed by zeros for five times 1/f1 (12.5 s; the filter then has forgotten 9 of 10
@@ -43,7 +43,9 @@ def weighted_acceleration(acceleration: ArrayLike, sampling_rate: float, name: s
     return jnp.fft.irfft(spectrum, length, axis=0)[: len(a)]
 
 
-def weighted_rms(acceleration: ArrayLike, sampling_rate: float, name: str = "Wd", settle: float = 0.0) -> Float[Array, "*lanes"]:
+def weighted_rms(
+    acceleration: ArrayLike, sampling_rate: float | int, name: str = "Wd", settle: float | int = 0.0
+) -> Float[Array, "*lanes"]:
     """a_w = sqrt(mean(a_w(t)^2)) (ISO 2631-1, eq. 1) of an acceleration (samples, *lanes) weighted by `name`.
 
     The first `settle` seconds are left out after the weighting. Differentiable where the acceleration is not 0 throughout.
@@ -56,7 +58,7 @@ def rms(values: History) -> Float[Array, "*lanes"]:
     return sqrt_of_square(jnp.mean(values**2, axis=0))
 
 
-def block_rms(weighted: History, sampling_rate: float) -> Float[Array, "blocks *lanes"]:
+def block_rms(weighted: History, sampling_rate: float | int) -> Float[Array, "blocks *lanes"]:
     """R.m.s. of successive blocks of 5 s (EN 12299: the continuous comfort C_C); what is left at the end does not count."""
     samples = round(BLOCK * sampling_rate)
     blocks = len(weighted) // samples
@@ -68,7 +70,7 @@ def mean_comfort(percentiles: list[Float[Array, "*lanes"]]) -> Float[Array, "*la
     return 6.0 * sqrt_of_square(sum(value**2 for value in percentiles))
 
 
-def running_maximum(weighted: History, sampling_rate: float) -> Float[Array, "*lanes"]:
+def running_maximum(weighted: History, sampling_rate: float | int) -> Float[Array, "*lanes"]:
     """MTVV = max of the running r.m.s. over 1 s (ISO 2631-1, eqs. 2 and 4; linear averaging, whole windows)."""
     samples = round(RUNNING * sampling_rate)
     # the mean taken out, which the differences do not see, so that the sum stays small in single precision
@@ -78,7 +80,7 @@ def running_maximum(weighted: History, sampling_rate: float) -> Float[Array, "*l
     return sqrt_of_square(jnp.maximum(jnp.max(total[samples:] - total[:-samples], axis=0) / samples + mean, 0.0))
 
 
-def vibration_dose(weighted: History, sampling_rate: float) -> Float[Array, "*lanes"]:
+def vibration_dose(weighted: History, sampling_rate: float | int) -> Float[Array, "*lanes"]:
     """VDV = (integral of a_w(t)^4)^(1/4) in m/s^1.75 (ISO 2631-1, eq. 5)."""
     # fourth powers of numbers near 1, for single precision
     scale = jax.lax.stop_gradient(jnp.max(jnp.abs(weighted), axis=0))
@@ -87,7 +89,7 @@ def vibration_dose(weighted: History, sampling_rate: float) -> Float[Array, "*la
 
 
 def sperling_bands(
-    acceleration: ArrayLike, sampling_rate: float, direction: str = "lateral", exponent: float = 1.0 / 6.67
+    acceleration: ArrayLike, sampling_rate: float | int, direction: str = "lateral", exponent: float | int = 1.0 / 6.67
 ) -> Float[Array, "bands *lanes"]:
     """Sperling's index per third octave, 0.5 to 31.5 Hz: Wz_i = (sum of (a B)^2)^exponent over the band's spectral lines.
 
@@ -116,10 +118,10 @@ def sperling_bands(
 
 def sperling(
     acceleration: ArrayLike,
-    sampling_rate: float,
+    sampling_rate: float | int,
     direction: str = "lateral",
-    exponent: float = 1.0 / 6.67,
-    power: float = 6.67,
+    exponent: float | int = 1.0 / 6.67,
+    power: float | int = 6.67,
 ) -> Float[Array, "*lanes"]:
     """Sperling's index Wz = (sum of Wz_i^power)^(1/power) over the third octaves of `sperling_bands`; m/s^2 in.
 
@@ -130,7 +132,7 @@ def sperling(
     return combined(bands, power)
 
 
-def combined(bands: Float[Array, "bands *lanes"], power: float) -> Float[Array, "*lanes"]:
+def combined(bands: Float[Array, "bands *lanes"], power: float | int) -> Float[Array, "*lanes"]:
     """(sum of Wz_i^power)^(1/power)."""
     total = jnp.sum(bands**power, axis=0)
     return jnp.where(total > 0.0, jnp.where(total > 0.0, total, 1.0) ** (1.0 / power), 0.0)

@@ -2,11 +2,11 @@
 
 import difflib
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, ArrayLike, Complex, Float
 
 from .errors import InputError
 
@@ -78,7 +78,7 @@ def factors(name: str) -> list[tuple[tuple[float, float, float], tuple[float, fl
     return found
 
 
-def weighting(name: str, frequency: Float[Array, "..."] | float) -> Complex[Array, "..."]:
+def weighting(name: str, frequency: ArrayLike) -> Complex[Array, "..."]:
     """Complex response of a frequency weighting at frequencies in Hz, of the same shape.
 
     `name`: "Wk", "Wd", "Wf", "Wc", "We", "Wj" (ISO 2631-1), "Wb" (EN 12299), "Wb-iso" (ISO 2631-4), in the analogue form of
@@ -87,7 +87,8 @@ def weighting(name: str, frequency: Float[Array, "..."] | float) -> Complex[Arra
         B(f) = c sqrt((1.911 f^2 + (0.25 f^2)^2) / ((1 - 0.277 f^2)^2 + (1.563 f - 0.0368 f^3)^2)),
 
     c = 0.737 lateral and 0.588 vertical (published; some codes have 0.735). Differentiable in the frequency; `jnp.abs` of it is
-    the weighting factor of the standards' tables, which are at f = 10^(n/10) Hz. Raises `InputError` for an unknown name.
+    the weighting factor of the standards' tables: ISO 2631-1:1997 prints it at the rounded third octaves (0.16, 1.25 ...),
+    ISO 8041 at f = 10^(n/10) Hz. Raises `InputError` for an unknown name.
     """
     check_weighting(name)
     f = jnp.asarray(frequency, float)
@@ -106,7 +107,7 @@ def weighting(name: str, frequency: Float[Array, "..."] | float) -> Complex[Arra
 TOLERANCE, UP_TO = 5e-3, 40.0
 
 
-def weighting_filter(name: str, sampling_rate: float) -> Float[np.ndarray, "sections 6"]:
+def weighting_filter(name: str, sampling_rate: float | int) -> Float[np.ndarray, "sections 6"]:
     """A weighting of ISO 2631-1 or EN 12299 as second-order sections for `scipy.signal.sosfilt(sections, record, axis=0)`.
 
     `sampling_rate` in Hz. Up to 40 Hz the modulus follows the analogue form to 0.5 %, which is measured at each call: about
@@ -156,7 +157,7 @@ def _of_squared_modulus(b0: float, b1: float, b2: float) -> Float[np.ndarray, "3
     return np.array([first, 0.5 * (at_zero - at_nyquist), -b2 / (4.0 * first)])
 
 
-def check_rate(sampling_rate: float) -> None:
+def check_rate(sampling_rate: Any) -> None:
     """Refuse a sampling rate that is no positive, finite number of Hz."""
     if not (isinstance(sampling_rate, (int, float, np.number)) and math.isfinite(sampling_rate) and sampling_rate > 0):
         raise InputError(f"sampling_rate must be a positive number of Hz, not {sampling_rate!r}")
