@@ -22,6 +22,7 @@ from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
 from .kernels import jit
 from .lanes import use_all_cores
 from .linear import Stability, linear_critical, linear_critical_speed
+from .measured_track import MeasuredTrack
 from .modes import Modes, RootLocus, modes, root_locus
 from .motion import matrices, state_matrix, track_matrix
 from .mr_dampers import BoucWenDamper, HybridDamper
@@ -30,10 +31,12 @@ from .precision import use_double_precision
 from .ramp import Ramp, speed_ramp
 from .random_track import RandomTrack
 from .record import Record, read_record
+from .sampled_track import spectrum_of
 from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from .simulate import Result, Simulation, simulate
 from .spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
-from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
+from .speed_profile import SpeedProfile
+from .track import BumpTrack, SinusoidTrack, TangentTrack, alignment
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
 from .vibration import sperling, weighted_acceleration, weighted_rms
@@ -63,6 +66,7 @@ __all__ = [
     "LateralDamper",
     "LimitCycle",
     "MaxwellDamper",
+    "MeasuredTrack",
     "MixedSkyhookADD",
     "Modes",
     "NonlinearCritical",
@@ -110,6 +114,7 @@ __all__ = [
     "set_parameter",
     "simulate",
     "spectrum",
+    "spectrum_of",
     "speed_ramp",
     "sperling",
     "state_matrix",

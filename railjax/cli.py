@@ -10,7 +10,7 @@ from .cli_comfort import comfort
 from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
 from .cli_damper import damper_app
 from .cli_hunting import hunting
-from .cli_simulate import DAMPERS, make_damper
+from .cli_simulate import DAMPERS, make_damper, make_track
 from .errors import InputError, NumericalError
 
 app = typer.Typer(
@@ -169,9 +169,16 @@ def _nonlinear(vehicle: Any) -> tuple[dict[str, Any], list[str]]:
 def simulate(
     vehicle: VehicleName,
     speed_kmh: Annotated[float, typer.Option(help="Speed in km/h.")] = 180.0,
-    amplitude_mm: Annotated[float, typer.Option(help="Amplitude of the sinusoidal alignment in mm.")] = 5.0,
-    wavelength_m: Annotated[float, typer.Option(help="Its wavelength in m.")] = 20.0,
+    amplitude_mm: Annotated[
+        float | None, typer.Option(help="Amplitude of the sinusoidal alignment in mm; 5 if not given.")
+    ] = None,
+    wavelength_m: Annotated[float | None, typer.Option(help="Its wavelength in m; 20 if not given.")] = None,
     bump_m: Annotated[float | None, typer.Option(help="Instead: a single bump of this length in m, at 20 m.")] = None,
+    track: Annotated[
+        str | None,
+        typer.Option(help="Instead: a random track, erri-low, erri-high, fra-1 to fra-6; or a measured one, a .csv file."),
+    ] = None,
+    track_seed: Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")] = None,
     duration_s: Annotated[float, typer.Option(help="Duration in s.")] = 10.0,
     dt_s: Annotated[float, typer.Option(help="Step of RK4 in s.")] = 1e-3,
     damper: Annotated[str, typer.Option(help=f"Secondary lateral damper: {', '.join(DAMPERS)}.")] = "passive",
@@ -184,7 +191,7 @@ def simulate(
 
     Example: railjax simulate coach --speed-kmh 220 --amplitude-mm 10 --damper balance-logic --alpha 0.5 --out run.png
     """
-    from . import BumpTrack, Result, SinusoidTrack
+    from . import Result
     from . import simulate as run
     from .units import KMH
 
@@ -193,13 +200,13 @@ def simulate(
     loaded = load(vehicle)
     if out is not None and out.suffix not in (".csv", ".nc", ".png"):
         raise InputError(f"--out {out}: the name must end in .csv, .nc or .png")
-    track = SinusoidTrack(amplitude_mm / 1e3, wavelength_m) if bump_m is None else BumpTrack(amplitude_mm / 1e3, bump_m)
+    line, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, bump_m)
     law = make_damper(damper, loaded, speed_kmh / KMH, alpha)
     channels = [name.strip() for name in record.split(",") if name.strip()]
     if not channels:
         raise InputError("--record names no channel; give one, like carbody_acceleration")
     sums = [f"{how}:{name}" for name in channels for how in ("rms", "peak")]
-    result = run(loaded, speed_kmh / KMH, track=track, duration=duration_s, dt=dt_s, damper=law, record=channels, reduce=sums)
+    result = run(loaded, speed_kmh / KMH, track=line, duration=duration_s, dt=dt_s, damper=law, record=channels, reduce=sums)
     if int(result.code) == Result.DIVERGED:
         raise NumericalError(f"the run diverged at {speed_kmh:g} km/h: a displacement went beyond 1 m or 1 rad")
     if out is not None:
@@ -209,7 +216,7 @@ def simulate(
         "speed_kmh": speed_kmh,
         "damper": damper,
         "assumed": [
-            "track: the paper gives no wavelength",
+            *assumed,
             *([] if damper == "passive" else ["damper: parameters not in the paper"]),
         ],
         "reductions": {name: values.tolist() for name, values in result.reductions.items()},

@@ -1,4 +1,4 @@
-"""The dampers that `railjax simulate --damper` knows by name."""
+"""The dampers and tracks that `railjax simulate` knows by name."""
 
 import difflib
 from typing import TYPE_CHECKING
@@ -7,6 +7,7 @@ from .errors import InputError
 
 if TYPE_CHECKING:
     from .dampers import Damper
+    from .track import Track
     from .vehicle import Vehicle
 
 DAMPERS = (
@@ -51,3 +52,26 @@ def make_damper(name: str, vehicle: "Vehicle", speed: float, alpha: float | None
         "mixed-sh-add": MixedSkyhookADD,
         "clipped-lqr": lambda: ClippedLQR.design(vehicle, speed),
     }[name]()
+
+
+def make_track(
+    name: str | None, seed: int | None, amplitude_mm: float | None, wavelength_m: float | None, bump_m: float | None
+) -> tuple["Track", list[str]]:
+    """The track of `--track` (a spectrum's name or a CSV file) or of the other options, and what it rests on. Raises `InputError`."""
+    from . import BumpTrack, MeasuredTrack, RandomTrack, SinusoidTrack
+
+    measured = name is not None and name.lower().endswith(".csv")
+    if seed is not None and (name is None or measured):
+        raise InputError("--track-seed is for a random track, like --track erri-high")
+    if name is None:
+        amplitude = (5.0 if amplitude_mm is None else amplitude_mm) / 1e3
+        track = SinusoidTrack(amplitude, wavelength_m or 20.0) if bump_m is None else BumpTrack(amplitude, bump_m)
+        return track, ["track: the paper gives no wavelength"]
+    for option, value in (("amplitude-mm", amplitude_mm), ("wavelength-m", wavelength_m), ("bump-m", bump_m)):
+        if value is not None:
+            raise InputError(f"--{option} and --track exclude each other: give one")
+    try:
+        found = MeasuredTrack.from_csv(name) if measured else RandomTrack(name, seed=seed or 0)
+    except InputError as error:
+        raise InputError(f"--track: {error}") from None
+    return found, [f"track: {line.strip()}" for line in str(found).splitlines()]

@@ -25,13 +25,13 @@ def read_columns(
     given: dict[str, str | None] | None = None,
     at_least: int = 2,
     purpose: str = "be of use",
-    option: str = "--{}",
+    options: tuple[str, str] = ("--{}", "--{}-unit"),
 ) -> tuple[dict[str, Samples], list[str]]:
     """Read the quantities of `names` from a CSV file with a header, in SI, and notes on what was assumed.
 
     `columns` names a quantity's column and `given` its unit; what is not named is looked up in the header, and a quantity
-    without a column is left out. `at_least` samples it takes to `purpose`; `option` is how the user names a quantity
-    ("--{}" on a command line), for the messages.
+    without a column is left out. `at_least` samples it takes to `purpose`; `options` are how the user names a quantity's column
+    and its unit (on the command line or in Python), for the messages.
 
     Raises `InputError` for a file that cannot be read, too few samples, an unknown column or unit, and a cell that is no
     finite number.
@@ -42,13 +42,16 @@ def read_columns(
     columns, given = columns or {}, given or {}
     header = [cell.strip() for cell in rows[0][1]]
     found, notes = {}, []
+    for kind in columns.keys() | given.keys():
+        if kind not in names:
+            raise InputError(f"no quantity {kind!r} in such a file; there are {', '.join(names)}")
     for kind in names:
-        index, unit = _column(header, kind, names[kind], units[kind], columns.get(kind), given.get(kind), path, option)
+        index, unit = _column(header, kind, names[kind], units[kind], columns.get(kind), given.get(kind), path, options)
         if index is None:
             continue
         if unit is None:
             unit = next(iter(units[kind]))
-            told = option.format(f"{kind}-unit")
+            told = options[1].format(kind)
             notes.append(f"unit of {kind} ({header[index]!r}): {unit} (assumed; neither the header nor {told} says it)")
         found[kind] = _values(rows[1:], index, header[index], path) * units[kind][unit]
     return found, notes
@@ -71,10 +74,10 @@ def _column(
     name: str | None,
     unit: str | None,
     path: Path,
-    option: str,
+    options: tuple[str, str],
 ) -> tuple[int | None, str | None]:
     """Index of a quantity's column and its unit, as far as they are known."""
-    told = option.format(f"{kind}-unit")
+    told = options[1].format(kind)
     if unit is not None and unit not in units:
         raise InputError(f"{told} must be one of {', '.join(units)}, not {unit!r}")
     # up to the last bracket, as units may have their own: "density (m^2/(rad/m))"
@@ -84,7 +87,7 @@ def _column(
         index = next((i for i, cell in enumerate(header) if name in (cell, bare[i])), None)
         if index is None:
             there = ", ".join(cell for cell in header if cell)
-            raise InputError(f"{path}: no column {name!r} for {option.format(kind)}; there are {there}")
+            raise InputError(f"{path}: no column {name!r} for {options[0].format(kind)}; there are {there}")
     else:
         index = next((i for known in names for i, cell in enumerate(bare) if cell.lower() == known), None)
         if index is None:

@@ -17,7 +17,8 @@ from .elements import extremes
 from .kernels import fence
 from .motion import Motion, held, motion, state_matrix, state_rate
 from .smooth import sqrt_of_square
-from .track import Speed, SpeedProfile, Track
+from .speed_profile import Speed, SpeedProfile
+from .track import Track
 from .typing import Scalar
 from .vehicle import Vehicle
 

@@ -13,7 +13,8 @@ from .linear import Stability, linear_critical
 from .motion import PASSIVE
 from .precision import require_double_precision
 from .simulate import Result, simulate
-from .track import SinusoidTrack, SpeedProfile
+from .speed_profile import SpeedProfile
+from .track import SinusoidTrack
 from .units import KMH
 from .vehicle import Vehicle
 

@@ -1,16 +1,12 @@
 """Test records of dampers: a CSV file with motion, command and force, read and checked; every fault is one line."""
 
-import csv
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
+from .csv_columns import Samples, read_columns
 from .errors import InputError
-
-Samples = Float[np.ndarray, "samples"]
 
 #: per quantity: the names by which a column is found without being told, and the factors of its units to SI
 NAMES = {
@@ -85,63 +81,9 @@ def read_record(
     Raises `InputError` for a file that cannot be read, an unknown or missing column or unit, a cell that is no finite number,
     time that does not increase or is uneven by more than half a sample, and units of displacement and velocity that disagree.
     """
-    path, columns, units = Path(path), columns or {}, units or {}
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if any(cell.strip() for cell in row)]
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read as CSV ({getattr(error, 'strerror', None) or type(error).__name__})") from None
-    if len(rows) < SHORTEST + 1:
-        raise InputError(f"{path}: {max(len(rows) - 1, 0)} samples are too few to identify a damper; it takes {SHORTEST}")
-    header = [cell.strip() for cell in rows[0][1]]
-    found, notes = {}, []
-    for kind in NAMES:
-        index, unit = _column(header, kind, columns.get(kind), units.get(kind), path)
-        if index is None:
-            continue
-        if unit is None:
-            unit = next(iter(UNITS[kind]))
-            notes.append(f"unit of {kind} ({header[index]!r}): {unit} (assumed; neither the header nor --{kind}-unit says it)")
-        found[kind] = _values(rows[1:], index, header[index], path) * UNITS[kind][unit]
+    path = Path(path)
+    found, notes = read_columns(path, NAMES, UNITS, columns=columns, given=units, at_least=SHORTEST, purpose="identify a damper")
     return _assemble(found, sample_rate, path, notes)
-
-
-def _column(header: list[str], kind: str, name: str | None, unit: str | None, path: Path) -> tuple[int | None, str | None]:
-    """Index of a quantity's column and its unit, as far as they are known."""
-    if unit is not None and unit not in UNITS[kind]:
-        raise InputError(f"--{kind}-unit must be one of {', '.join(UNITS[kind])}, not {unit!r}")
-    split = [re.fullmatch(r"(.*?)\s*[\(\[]([^\)\]]*)[\)\]]", cell) for cell in header]
-    bare = [match.group(1) if match else cell for match, cell in zip(split, header, strict=True)]
-    if name is not None:
-        index = next((i for i, cell in enumerate(header) if name in (cell, bare[i])), None)
-        if index is None:
-            raise InputError(f"{path}: no column {name!r} for --{kind}; there are {', '.join(cell for cell in header if cell)}")
-    else:
-        index = next((i for known in NAMES[kind] for i, cell in enumerate(bare) if cell.lower() == known), None)
-        if index is None:
-            return None, None
-    written = split[index].group(2).strip() if split[index] else None
-    if unit is None and written is not None and written not in UNITS[kind]:
-        raise InputError(
-            f"{path}: unit {written!r} of column {header[index]!r} is not known; use one of {', '.join(UNITS[kind])}, or --{kind}-unit"
-        )
-    return index, unit or written
-
-
-def _values(rows: list[tuple[int, list[str]]], index: int, name: str, path: Path) -> Samples:
-    values = np.empty(len(rows))
-    for k, (line, row) in enumerate(rows):
-        try:
-            values[k] = float(row[index])
-        except (IndexError, ValueError):
-            cell = row[index].strip() if index < len(row) else ""
-            raise InputError(f"{path}, line {line}: column {name!r} holds {cell[:40]!r}, not a number") from None
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        raise InputError(
-            f"{path}, line {rows[bad[0]][0]}: column {name!r} is {values[bad[0]]}; cut such samples out of the record"
-        )
-    return values
 
 
 def _assemble(found: dict[str, Samples], sample_rate: float | None, path: Path, notes: list[str]) -> Record:

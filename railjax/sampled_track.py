@@ -9,13 +9,16 @@ differentiable, so a run sees no kinks.
 import copy
 import dataclasses
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .track import Alignment, Distances
+from .errors import InputError
+from .spectra import TableSpectrum
+from .track import Alignment, Distances, alignment
 from .typing import Number, Scalar
 
 T = TypeVar("T", bound="SampledTrack")
@@ -58,6 +61,20 @@ class SampledTrack:
         scaled._set(amplitude=amplitude)
         return scaled
 
+    def to_csv(self, path: str | Path, length: float | None = None, step: float | None = None) -> None:
+        """Write distance (m) and alignment (mm), fade-in and amplitude included, for other programs or `MeasuredTrack.from_csv`.
+
+        From 0 to `length` (default the whole table) in steps of `step` (default the spacing), m. Raises `InputError` for lanes, and
+        for a file that cannot be written.
+        """
+        length, step = length or self.length, step or self.spacing
+        distance = step * np.arange(int(length / step + 1e-9) + 1)
+        columns = np.column_stack([distance, 1e3 * np.asarray(alignment(_single(self), distance))])
+        try:
+            np.savetxt(path, columns, delimiter=",", header="distance (m),alignment (mm)", comments="", fmt="%.9g")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+
     def seen_from(self, offset: Distances) -> Alignment:
         """η(start + offset). Both distances are split into cell and fraction before they are added, so that in single precision
         the wheelsets' distances from each other stay exact however far the run."""
@@ -70,10 +87,8 @@ class SampledTrack:
             part = start_part + offset_part
             carry = part >= 1.0
             cell = start_cell + offset_cell + carry
-            if self.periodic:
-                cell = jnp.where(cell >= cells, cell - cells, cell)
-            else:
-                cell = jnp.clip(cell, 0, cells - 1)
+            # both cells of a periodic track lie within the period, so their sum is at most one beyond it
+            cell = jnp.where(cell >= cells, cell - cells, cell) if self.periodic else jnp.clip(cell, 0, cells - 1)
             eta = self.amplitude * cubic(table, cell, part - carry)
             return eta if self.fade is None else eta * fade_in(start + offset, self.fade)
 
@@ -87,17 +102,45 @@ class SampledTrack:
         return (cell % cells if self.periodic else cell), along - whole
 
 
+def _single(track: T) -> T:
+    """The track, if it is one and not lanes of them."""
+    if jnp.ndim(track.coefficients) > 1 or jnp.ndim(track.amplitude) > 0:
+        raise InputError("this is for one track, and the seeds or amplitudes make lanes of several")
+    return track
+
+
+def spectrum_of(track: SampledTrack, segment: float = 1000.0) -> TableSpectrum:
+    """Estimate of a track's spectrum by Welch's method (Hann window, overlapping by half), as points of m²/(rad/m) over rad/m.
+
+    `segment` in m sets the resolution, 2π/segment; it is cut to a quarter of the track. The fade-in of random tracks is left
+    out, so a random track of the spectrum of a measured one is `RandomTrack(spectrum_of(measured))`. Raises `InputError` for
+    lanes.
+    """
+    from scipy.signal import welch
+
+    table = float(_single(track).amplitude) * np.asarray(track.coefficients, float)
+    # between the ends of a measured track's straight parts
+    there = slice(None) if track.periodic else slice(*(np.flatnonzero(np.abs(table) > 1e-6 * np.abs(table).max())[[0, -1]]))
+    samples = ((table[:-2] + 4.0 * table[1:-1] + table[2:]) / 6.0)[there]
+    frequency, density = welch(
+        samples, 1.0 / track.spacing, nperseg=max(16, min(round(segment / track.spacing), samples.size // 4)), detrend=False
+    )
+    kept = density[1:] > 0.0
+    return TableSpectrum.checked(2.0 * np.pi * frequency[1:][kept], density[1:][kept] / (2.0 * np.pi))
+
+
 def cubic(table: Float[Array, "k *lanes"], cell: Int[Array, "..."], part: Distances) -> Distances:
-    """Σ_m T[cell + m] β_m(part): the spline's value at a fraction (0 to 1) of a cell."""
-    f, g = part, 1.0 - part
-    weights = (g**3, 4.0 - 3.0 * f**2 * (1.0 + g), 4.0 - 3.0 * g**2 * (1.0 + f), f**3)
+    """The spline at a fraction f (0 to 1) of a cell with the coefficients a, b, c, d: Σ_m T[cell + m] β_m(f), by Horner's rule.
+
+    Four gathers of single numbers: XLA on CPU has them in one loop with the rest, which a gather of windows is not.
+    """
+    lanes = 1
     if table.ndim > 1:
         lanes = table.shape[1]
         cell, table = cell * lanes + jnp.arange(lanes, dtype=cell.dtype), table.reshape(-1)
-    else:
-        lanes = 1
-    values = [table.at[cell + m * lanes].get(mode="promise_in_bounds") for m in range(4)]
-    return sum(w * value for w, value in zip(weights, values, strict=True)) / 6.0
+    a, b, c, d = (table.at[cell + m * lanes].get(mode="promise_in_bounds") for m in range(4))
+    inner = 3.0 * (a - 2.0 * b + c) + part * (d - a + 3.0 * (b - c))
+    return (a + 4.0 * b + c + part * (3.0 * (c - a) + part * inner)) / 6.0
 
 
 def fade_in(distance: Distances, fade: Scalar) -> Distances:

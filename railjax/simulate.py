@@ -20,7 +20,8 @@ from .integrate import STABLE_RADIUS, Plan, Run, fastest_rate, run
 from .kernels import one_kernel
 from .lanes import CHUNK, count_lanes, each_lane, over_lanes, own_axes
 from .motion import PASSIVE, state_size
-from .track import Speed, SpeedProfile, TangentTrack, Track, check_track
+from .speed_profile import Speed, SpeedProfile
+from .track import TangentTrack, Track, check_track
 from .typing import Number
 from .units import KMH
 from .vehicle import Vehicle, structure, without_labels

@@ -124,7 +124,7 @@ class TableSpectrum:
         >>> TableSpectrum.from_csv("line.csv")  # wavenumber (rad/m),density (mm^2/(rad/m))  # doctest: +SKIP
         """
         path = Path(path)
-        found, _ = read_columns(path, NAMES, UNITS, purpose="make a spectrum", option="{}")
+        found, _ = read_columns(path, NAMES, UNITS, purpose="make a spectrum", options=("{}", "the unit of {}"))
         for kind in NAMES:
             if kind not in found:
                 raise InputError(f"{path}: no column of the {kind}; name it {' or '.join(NAMES[kind])} in the header")

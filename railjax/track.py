@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .errors import InputError
-from .typing import Number, Scalar
+from .typing import Number
 
 Distances = Float[Array, "..."]
 Alignment = Callable[[Distances], Distances]
@@ -110,30 +110,3 @@ def check_track(track: Track) -> None:
             raise InputError(f"track.{key} must be finite, not {array[wrong][0]}")
         if key in ("wavelength", "length", "spacing", "fade") and not np.all(array > 0):
             raise InputError(f"track.{key} must be positive (m), not {value}")
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class SpeedProfile:
-    """A speed that varies in time: straight lines between (time, speed) points, s and m/s; constant beyond the ends.
-
-    `SpeedProfile([0, 60], [70, 62])` is a slow ramp down.
-    """
-
-    time: Number
-    speed: Number
-
-    def at(self, time: Float[Array, "..."]) -> Float[Array, "..."]:
-        """v(t), m/s."""
-        return jnp.interp(time, jnp.asarray(self.time, float), jnp.asarray(self.speed, float))
-
-    def distance(self, time: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Integral of v from 0 (or the first point, if later) to t, exact, m."""
-        knots, speeds = jnp.asarray(self.time, float), jnp.asarray(self.speed, float)
-        steps = jnp.diff(knots)
-        at_knots = jnp.concatenate([jnp.zeros(1), jnp.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * steps)])
-        last = jnp.clip(jnp.searchsorted(knots, time, side="right") - 1, 0, knots.shape[0] - 1)
-        return at_knots[last] + 0.5 * (speeds[last] + self.at(time)) * (time - knots[last])
-
-
-Speed = Scalar | SpeedProfile
