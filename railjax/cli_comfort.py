@@ -1,13 +1,12 @@
 """`railjax comfort`: ride comfort of a record or of a vehicle simulated over a track, on the command line."""
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .cli_common import AsJson, calibrated, finite, load, show
-from .cli_simulate import DAMPERS, make_damper
+from .cli_simulate import DAMPERS, make_damper, make_track
 from .errors import InputError, NumericalError
 
 if TYPE_CHECKING:
@@ -35,10 +34,15 @@ def comfort(
     ] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of the accelerations: g or m/s2 (default: from the header).")] = None,
     speed_kmh: Annotated[float, typer.Option(help="Speed of the vehicle in km/h.")] = 180.0,
-    track: Annotated[str, typer.Option(help="Its track: a spectrum such as erri-low, erri-high, or 'sinusoid'.")] = "erri-high",
-    seed: Annotated[int, typer.Option(help="Seed of the random track.")] = 0,
-    amplitude_mm: Annotated[float, typer.Option(help="Amplitude of the sinusoid in mm.")] = 5.0,
-    wavelength_m: Annotated[float, typer.Option(help="Its wavelength in m.")] = 20.0,
+    track: Annotated[
+        str | None,
+        typer.Option(
+            help="Its track: erri-low, erri-high (if nothing else is given), fra-1 to fra-6; or a measured one, a .csv file."
+        ),
+    ] = None,
+    track_seed: Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")] = None,
+    amplitude_mm: Annotated[float | None, typer.Option(help="Instead: amplitude of a sinusoidal alignment in mm.")] = None,
+    wavelength_m: Annotated[float | None, typer.Option(help="Its wavelength in m; 20 if not given.")] = None,
     duration_s: Annotated[float, typer.Option(help="Duration in s, after 5 s of settling.")] = 300.0,
     dt_s: Annotated[float, typer.Option(help="Step of RK4 in s.")] = 1e-3,
     damper: Annotated[str, typer.Option(help=f"Secondary lateral damper: {', '.join(DAMPERS)}.")] = "passive",
@@ -60,6 +64,7 @@ def comfort(
     from . import use_double_precision
     from .comfort import comfort as judge
     from .deflections import CARBODY_TO_FLOOR
+    from .units import KMH
 
     use_double_precision()
     options = {"mean": mean_comfort, "sperling_exponent": sperling_exponent, "sperling_power": sperling_power}
@@ -70,13 +75,17 @@ def comfort(
         if fs is not None or columns is not None or unit is not None:
             raise InputError(f"--fs, --columns and --unit are for a record (FILE.csv), not for the vehicle {source!r}")
         loaded = load(source)
-        road = _track(track, seed, amplitude_mm, wavelength_m, speed_kmh, duration_s)
+        if amplitude_mm is None and wavelength_m is None:
+            track = track or "erri-high"
+        # long enough that no part of it is ridden twice
+        length = speed_kmh / KMH * (duration_s + SETTLE) + 200.0
+        road, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, None, length)
         run = _simulated(loaded, speed_kmh, road, duration_s, dt_s, damper, alpha)
         found = judge(run, settle=SETTLE, **options)
-        notes = [f"track: {road}", *(f"fitted: {entry}" for entry in calibrated(loaded))]
+        notes = [*assumed, *(f"fitted: {entry}" for entry in calibrated(loaded))]
         if loaded.geometry.carbody_to_floor is None:
             notes.append(f"floor: {CARBODY_TO_FLOOR:g} m below the car body's centre of gravity (assumed)")
-        content = {"vehicle": loaded.name, "speed_kmh": speed_kmh, "track": track, "seed": seed, "damper": damper}
+        content = {"vehicle": loaded.name, "speed_kmh": speed_kmh, "damper": damper}
     content |= found.as_dict()
     content["notes"] = [*content["notes"], *notes]
     show(content, [str(found), *(f"  note: {note}" for note in notes)], as_json)
@@ -97,38 +106,19 @@ def _read(path: Path, fs: float | None, columns: str | None, unit: str | None) -
         raise InputError(f"--unit must be one of {', '.join(ACCELERATIONS)}, not {unit!r}")
     # named accelerations are the only ones
     wanted = [kind for kind in NAMES if kind == "time" or kind in named or not set(named) - {"time"}]
-    try:
-        found, notes = read_columns(
-            path,
-            {kind: NAMES[kind] for kind in wanted},
-            UNITS,
-            columns=named,
-            given={kind: unit for kind in wanted if kind != "time"},
-            purpose="judge comfort",
-            option="--columns {}=",
-        )
-    except InputError as error:
-        raise InputError(_in_our_words(str(error))) from None
-    notes = [_in_our_words(note) for note in notes]
+    found, notes = read_columns(
+        path,
+        {kind: NAMES[kind] for kind in wanted},
+        UNITS,
+        columns=named,
+        given={kind: unit for kind in wanted if kind != "time"},
+        purpose="judge comfort",
+        options=("--columns {}=", "--unit"),
+    )
     rate = 1.0 / sampling_interval(found.pop("time", None), fs, path, "--fs")
     if not found:
         raise InputError(f"{path}: no column of an acceleration; name it, as in --columns lateral=NAME")
     return found, rate, notes
-
-
-def _in_our_words(message: str) -> str:
-    """One --unit stands for the units of all accelerations."""
-    return re.sub(r"--columns \w+-unit=", "--unit", message)
-
-
-def _track(name: str, seed: int, amplitude_mm: float, wavelength_m: float, speed_kmh: float, duration_s: float) -> "Track":
-    from . import RandomTrack, SinusoidTrack
-    from .units import KMH
-
-    if name == "sinusoid":
-        return SinusoidTrack(amplitude_mm / 1e3, wavelength_m)
-    # long enough that no part of it is ridden twice
-    return RandomTrack(name, seed=seed, length=max(1e3, speed_kmh / KMH * (duration_s + SETTLE) + 200.0))
 
 
 def _simulated(vehicle: Any, speed_kmh: float, track: "Track", duration_s: float, dt_s: float, damper: str, alpha: Any) -> Any:

@@ -241,7 +241,7 @@ def _report(
         crest = results["crest"][direction]
         if np.any(crest > 9.0):
             notes.append(f"{direction}: crest factor above 9, where ISO 2631-1 asks for MTVV and VDV beside a_w")
-    whole = np.asarray(mean_comfort(list(results["percentile"].values()))) if mean else None
+    whole = np.asarray(mean_comfort([jnp.asarray(value) for value in results["percentile"].values()])) if mean else None
     return Comfort(
         sampling_rate,
         duration,
@@ -311,7 +311,7 @@ def floor_acceleration(
     return lateral_of_carbody({name: run.channels[f"{name}_acceleration"] for name in names}, along, -height)
 
 
-def _span(values: Values) -> str:
+def _span(values: ArrayLike) -> str:
     """A few values one by one, many as their range; NaN where a lane failed."""
     flat = np.ravel(values)
     if flat.size <= 4:
@@ -319,7 +319,7 @@ def _span(values: Values) -> str:
     return f"{np.nanmin(flat):.4g} to {np.nanmax(flat):.4g}"
 
 
-def _words(values: Values, scale: tuple) -> str:
+def _words(values: ArrayLike, scale: tuple) -> str:
     """The scale's words for the least and the greatest value."""
     finite = np.ravel(values)[np.isfinite(np.ravel(values))]
     words = (

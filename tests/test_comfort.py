@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from derivatives import check
 import railjax
 from railjax.cli import status
 from railjax.comfort import FLOOR_POINTS
+from railjax.deflections import deflections, lateral_of_floor, layout
 from railjax.vibration import THIRD_OCTAVES, running_maximum, sperling_bands, vibration_dose
 
 RATE = 200.0
@@ -36,8 +38,11 @@ def test_closed_forms_of_a_sine(frequency):
     a, settle, duration = 0.7, 10.0, 300.0
     found = railjax.comfort(sine(a, frequency, settle + duration), RATE, settle=settle)
     weighted = a * factor("Wd", frequency)
-    for values in (found.rms, found.percentile, found.running):
+    for values in (found.rms, found.percentile):
         np.testing.assert_allclose(values["lateral"], weighted / np.sqrt(2), rtol=1e-3)
+    # the most that 1 s of sin^2 can hold
+    most = weighted * np.sqrt(0.5 * (1 + abs(np.sinc(2 * frequency))))
+    np.testing.assert_allclose(found.running["lateral"], most, rtol=1e-3)
     np.testing.assert_allclose(found.blocks["lateral"], np.full(60, weighted / np.sqrt(2)), rtol=1e-3)
     np.testing.assert_allclose(found.mean, 6 * weighted / np.sqrt(2), rtol=1e-3)
     # the mean of sin^4 is 3/8
@@ -66,7 +71,7 @@ def test_the_frequency_domain_is_the_filter_in_time(noise):
     found = railjax.weighted_acceleration(below_40, 1000.0, "Wd")
     np.testing.assert_allclose(railjax.weighted_rms(below_40, 1000.0), np.sqrt(np.mean(in_time**2, axis=0)), rtol=2e-4)
     # the filter is about a sample ahead
-    assert np.max(np.abs(np.asarray(found)[:-1] - in_time[1:])) < 0.05 * np.max(np.abs(in_time))
+    assert np.max(np.abs(np.asarray(found)[1:] - in_time[:-1])) < 0.02 * np.max(np.abs(in_time))
     spectrum = np.abs(np.fft.rfft(below_40, axis=0)) ** 2 / len(below_40) ** 2
     weights = np.abs(np.asarray(railjax.weighting("Wd", np.fft.rfftfreq(len(below_40), 1e-3)))) ** 2
     summed = np.sqrt(2 * weights @ spectrum)
@@ -85,9 +90,7 @@ def test_a_record_at_rest_before_it_begins():
 
 
 def test_measures_against_plain_numpy(noise):
-    weighted = np.asarray(railjax.weighted_acceleration(noise, RATE, "Wb"))
     found = railjax.comfort({"vertical": noise}, RATE)
-    blocks = [np.sqrt(np.mean(weighted[k * 1000 : (k + 1) * 1000] ** 2, axis=0)) for k in range(62)]
     weighted = np.asarray(railjax.weighted_acceleration(noise - noise.mean(axis=0), RATE, "Wb"))
     blocks = [np.sqrt(np.mean(weighted[k * 1000 : (k + 1) * 1000] ** 2, axis=0)) for k in range(62)]
     np.testing.assert_allclose(found.blocks["vertical"], blocks, rtol=1e-9)
@@ -119,17 +122,19 @@ def test_scales_are_said_in_words():
         assert f"100% {continuous};" in text
 
 
-@pytest.mark.parametrize("rate", [100.0, 500.0])
-def test_gradients(rate):
+def test_gradients():
+    rate = 100.0
     record = np.random.default_rng(3).normal(size=round(12 * rate))
     other = np.random.default_rng(4).normal(size=len(record))
-    for measure in (
-        lambda a: railjax.weighted_rms(a, rate, settle=1.0),
-        lambda a: railjax.sperling(a, rate),
-        lambda a: vibration_dose(railjax.weighted_acceleration(a, rate, "Wd"), rate),
-        lambda a: running_maximum(railjax.weighted_acceleration(a, rate, "Wd"), rate),
-    ):
-        check(lambda x, measure=measure: measure(record + x * other), 0.3)
+
+    def measures(x):
+        a = record + x * other
+        weighted = railjax.weighted_acceleration(a, rate, "Wd")
+        found = railjax.weighted_rms(a, rate, settle=1.0), railjax.sperling(a, rate), vibration_dose(weighted, rate)
+        return jnp.stack([*found, running_maximum(weighted, rate)])
+
+    for one in np.eye(4):
+        check(lambda x, one=one: one @ measures(x), 0.3)
     assert np.all(np.isfinite(jax.grad(lambda a: railjax.weighted_rms(a, rate))(jnp.zeros(1000))))
     assert np.all(np.isfinite(jax.grad(lambda a: jnp.sum(sperling_bands(a, rate)))(jnp.zeros(round(12 * rate)))))
 
@@ -139,8 +144,8 @@ def test_gradient_of_comfort_through_a_simulation(coach):
 
     def weighted(damping):
         vehicle = railjax.replace(coach, secondary__damping_y=damping)
-        run = railjax.simulate(vehicle, 50.0, track=track, duration=4.0, dt=2e-3, record=["floor_acceleration"])
-        return railjax.weighted_rms(run["floor_acceleration"][:, 0], 50.0)
+        run = railjax.simulate(vehicle, 50.0, track=track, duration=2.0, dt=4e-3, record=["floor_acceleration"])
+        return railjax.weighted_rms(run["floor_acceleration"][:, 0], 25.0)
 
     check(jax.jit(weighted), 3e4, step=1e-4, rtol=1e-5)
 
@@ -171,57 +176,46 @@ def test_floor_is_a_rigid_bodys(coach, run):
 
 
 def test_at_the_springs_the_floor_moves_as_they_do(coach):
-    """Sign and height against `secondary_travel`: its second derivative, with the bogies all but held by huge masses."""
-    heavy = railjax.replace(
-        coach, geometry__carbody_to_floor=coach.geometry.carbody_height, bogie__mass=1e12, bogie__roll_inertia=1e12
-    )
-    start = {"carbody_y": 5e-3, "carbody_psi": 1e-3, "carbody_phi": 4e-3}
-    record = ["floor_acceleration", "secondary_travel"]
-    run = railjax.simulate(heavy, 30.0, initial=start, duration=0.5, dt=5e-4, sample=1e-3, record=record)
-    travel = np.asarray(run["secondary_travel"])
-    numeric = (travel[2:] - 2 * travel[1:-1] + travel[:-2]) / 1e-6
-    found = np.asarray(run["floor_acceleration"])[1:-1][:, [0, 2]]
-    np.testing.assert_allclose(found, numeric, atol=1e-3 * np.max(np.abs(found)))
+    """Sign and height against the deflection of the secondary suspension with the bogies at rest."""
+    same = railjax.replace(coach, geometry__carbody_to_floor=coach.geometry.carbody_height)
+    random = np.random.default_rng(6)
+    q = {name: jnp.asarray(random.normal(size=(*shape, 5)) * name.startswith("carbody")) for name, shape in layout(coach).items()}
+    np.testing.assert_allclose(lateral_of_floor(same, q)[jnp.array([0, 2])], deflections(same, q)["secondary_y"], rtol=1e-12)
 
 
-def test_floor_in_batches_and_xarray(coach, run):
+def test_floor_in_xarray(coach, run):
     data = run.to_xarray()
     assert data["floor_acceleration"].dims == ("time", "floor")
     assert data["rms_floor_acceleration"].dims == ("floor",)
     assert tuple(data["floor"].values) == FLOOR_POINTS
-    heights = railjax.replace(coach, geometry__carbody_to_floor=jnp.array([0.6, 0.9]))
-    batch = railjax.simulate(heights, 60.0, track=railjax.BumpTrack(6e-3, 15.0, 5.0), duration=1.0, record=["floor_acceleration"])
-    assert batch["floor_acceleration"].shape == (100, 3, 2)
-    assert batch.to_xarray()["floor_acceleration"].dims == ("time", "floor", "lane")
-    np.testing.assert_allclose(batch["floor_acceleration"][..., 0], run["floor_acceleration"][::10][:100], atol=1e-6)
-    assert "floor" not in railjax.simulate(coach, 50.0, duration=0.1).to_xarray().dims
+    assert "floor" not in replace(run, channels={}, reductions={}).to_xarray().dims
     wheelset = railjax.load_vehicle("single-wheelset")
     with pytest.raises(railjax.InputError, match="floor_acceleration"):
         railjax.simulate(wheelset, 20.0, duration=0.1, record=["floor_acceleration"])
 
 
-def test_comfort_of_a_simulation(coach):
-    speeds = jnp.array([40.0, 50.0, 1.0])  # the last one too slow for its step
-    track = railjax.SinusoidTrack(3e-3, 25.0)
-    run = railjax.simulate(
-        coach, speeds, track=track, duration=15.0, dt=2.5e-3, record=["floor_acceleration", "carbody_acceleration"]
-    )
+def test_comfort_of_a_batch(coach):
+    speeds = jnp.array([50.0, 50.0, 1.0])  # the last one too slow for its step
+    heights = railjax.replace(coach, geometry__carbody_to_floor=jnp.array([0.6, 0.9, 0.6]))
+    record = ["floor_acceleration", "carbody_phi_acceleration"]
+    options = {"track": railjax.SinusoidTrack(3e-3, 25.0), "duration": 15.0, "dt": 5e-3, "sample": 5e-3}
+    run = railjax.simulate(heights, speeds, record=record, **options)
+    floor, roll = run["floor_acceleration"], run["carbody_phi_acceleration"]
+    assert run.to_xarray()["floor_acceleration"].dims == ("time", "floor", "lane")
+    np.testing.assert_allclose(floor[:, 1, 1] - floor[:, 1, 0], 0.3 * roll[:, 0], atol=1e-12)
     assert not bool(run.ok[2])
-    with pytest.raises(railjax.InputError, match="rate 40 Hz is too low"):
-        railjax.comfort(run, mean=False)
-    run = railjax.simulate(coach, speeds, track=track, duration=15.0, dt=2.5e-3, sample=5e-3, record=["floor_acceleration"])
     found = railjax.comfort(run, settle=3.0, mean=False)
     assert found.mean is None
     assert found.places == FLOOR_POINTS
+    assert "at leading bogie, centre, trailing bogie" in str(found)
     assert found.rms["lateral"].shape == (3, 3)
     assert np.all(np.isnan(found.rms["lateral"][:, 2]))
     one = railjax.comfort(run, settle=3.0, mean=False, place="centre")
     np.testing.assert_array_equal(one.rms["lateral"], found.rms["lateral"][1])
-    alone = railjax.weighted_rms(
-        run["floor_acceleration"][:, 1, 0] - jnp.mean(run["floor_acceleration"][:, 1, 0]), RATE, settle=3.0
-    )
+    alone = railjax.weighted_rms(floor[:, 1, 0] - jnp.mean(floor[:, 1, 0]), RATE, settle=3.0)
     np.testing.assert_allclose(one.rms["lateral"][0], alone, rtol=1e-9)
-    assert "at leading bogie, centre, trailing bogie" in str(found)
+    with pytest.raises(railjax.InputError, match="rate 40 Hz is too low"):
+        railjax.comfort(replace(run, time=5 * run.time), mean=False)
     with pytest.raises(railjax.InputError, match="place 'roof' is not one of floor_acceleration's: leading bogie, centre"):
         railjax.comfort(run, place="roof")
     with pytest.raises(railjax.InputError, match="has not recorded bogie_y"):
@@ -340,8 +334,8 @@ def test_command_line_refuses_bad_files(command, tmp_path, content, options, mes
 
 
 def test_command_line_on_a_vehicle(command):
-    options = ["--speed-kmh", 160, "--duration-s", 12, "--dt-s", 0.005, "--no-mean-comfort", "--seed", 3, "--json"]
-    code, out, error = command("coach", *options)
+    options = ["--speed-kmh", 160, "--duration-s", 12, "--dt-s", 0.005, "--no-mean-comfort", "--json"]
+    code, out, error = command("coach", *options, "--track-seed", 3)
     assert (code, error) == (0, "")
     found = json.loads(out)
     assert found["mean_comfort"] is None
@@ -349,7 +343,7 @@ def test_command_line_on_a_vehicle(command):
     assert all(0.01 < value < 1.0 for value in found["directions"]["lateral"]["rms_m_per_s2"])
     assert any("seed 3" in note for note in found["notes"])
     assert any("assumed" in note for note in found["notes"])
-    sinusoid = json.loads(command("coach", *options, "--track", "sinusoid", "--amplitude-mm", 2)[1])
+    sinusoid = json.loads(command("coach", *options, "--amplitude-mm", 2)[1])
     assert sinusoid["directions"]["lateral"]["crest_factor"][1] == pytest.approx(np.sqrt(2), rel=0.02)
 
 
