@@ -61,7 +61,7 @@ def comfort(
     finite(fs=fs, speed_kmh=speed_kmh, wavelength_m=wavelength_m, duration_s=duration_s, dt_s=dt_s)
     finite(sperling_exponent=sperling_exponent, sperling_power=sperling_power)
     finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha)
-    from . import use_double_precision
+    from . import MeasuredTrack, use_double_precision
     from .comfort import comfort as judge
     from .deflections import CARBODY_TO_FLOOR
     from .units import KMH
@@ -80,6 +80,11 @@ def comfort(
         # long enough that no part of it is ridden twice
         length = speed_kmh / KMH * (duration_s + SETTLE) + 200.0
         road, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, None, length)
+        if isinstance(road, MeasuredTrack) and road.length < length - 200.0:
+            longest = max(road.length / speed_kmh * KMH - SETTLE, 0.0)
+            raise InputError(
+                f"--track {track}: {road.length:.0f} m are too short for this ride; --duration-s {longest:.0f} at most"
+            )
         run = _simulated(loaded, speed_kmh, road, duration_s, dt_s, damper, alpha)
         found = judge(run, settle=SETTLE, **options)
         notes = [*assumed, *(f"fitted: {entry}" for entry in calibrated(loaded))]
