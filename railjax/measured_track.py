@@ -1,7 +1,7 @@
 """Measured tracks: a record of the lateral alignment, from arrays or a CSV file, checked, resampled and filtered."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -35,7 +35,7 @@ LARGEST, SMALLEST = 0.2, 1e-6
 #: the widest grid of the spline, m; the samples' own distance where it is smaller
 GRID = SHORTEST / 8
 
-#: samples below which there is no track, and zeros after the record in which the spline's coefficients die out (0.27 each)
+#: samples below which there is no track, and zeros before and after the record in which the spline's coefficients die out (0.27 each)
 FEWEST, TAIL = 16, 24
 
 #: share of a sample's distance by which even samples may be off, as printed distances are rounded
@@ -49,10 +49,10 @@ ORDER = 4
 class MeasuredRecord:
     """What was measured, as it was read, m: cross level and gauge are kept, but the lateral model does not use them."""
 
-    distance: Float[np.ndarray, "samples"]
-    alignment: Float[np.ndarray, "samples"]
-    cross_level: Float[np.ndarray, "samples"] | None = None
-    gauge: Float[np.ndarray, "samples"] | None = None
+    distance: Float[np.ndarray, "..."]
+    alignment: Float[np.ndarray, "..."]
+    cross_level: Float[np.ndarray, "..."] | None = None
+    gauge: Float[np.ndarray, "..."] | None = None
     name: str = "record"
     notes: tuple[str, ...] = field(default=())
 
@@ -75,11 +75,11 @@ class MeasuredTrack(SampledTrack):
 
     def __init__(
         self,
-        distance: ArrayLike,
-        alignment: ArrayLike,
+        distance: ArrayLike | Sequence,
+        alignment: ArrayLike | Sequence,
         *,
-        cross_level: ArrayLike | None = None,
-        gauge: ArrayLike | None = None,
+        cross_level: ArrayLike | Sequence | None = None,
+        gauge: ArrayLike | Sequence | None = None,
         shortest: float | None = None,
         longest: float | None = None,
         fade: float = 50.0,
@@ -93,8 +93,9 @@ class MeasuredTrack(SampledTrack):
         samples, spacing = _even(record)
         samples = _tapered(_filtered(samples, spacing, shortest, longest, name), spacing, fade, name)
         self._set(
-            coefficients=_coefficients(samples, spacing),
+            coefficients=_coefficients(samples),
             spacing=spacing,
+            start=LEAD - TAIL * spacing,
             amplitude=amplitude,
             fade=None,
             periodic=False,
@@ -261,12 +262,11 @@ def _tapered(samples: Float[np.ndarray, "points"], spacing: float, fade: float, 
     return samples * t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
 
 
-def _coefficients(samples: Float[np.ndarray, "points"], spacing: float) -> Float[np.ndarray, "k"]:
+def _coefficients(samples: Float[np.ndarray, "points"]) -> Float[np.ndarray, "k"]:
     """Coefficients of the spline through the samples, with straight track before and after them."""
-    lead = max(TAIL, round(LEAD / spacing))
-    values = np.concatenate([np.zeros(lead), samples, np.zeros(TAIL)])
+    values = np.pad(samples, TAIL)
     response = (2.0 + np.cos(2.0 * np.pi * np.arange(values.size // 2 + 1) / values.size)) / 3.0
     coefficients = np.fft.irfft(np.fft.rfft(values) / response, values.size)
     coefficients[:MARGIN] = coefficients[-MARGIN:] = 0.0
-    # the spline of cell i takes the coefficients i - 1 to i + 2, and the value at its start is sample i
-    return np.concatenate([[0.0], coefficients, np.zeros(MARGIN - 1)])
+    # cell i takes the coefficients i - 1 to i + 2, and the spline's value at its start is sample i
+    return np.pad(coefficients, (1, MARGIN - 1))

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, ArrayLike, Complex, Float
 
 from .errors import InputError
 from .sampled_track import MARGIN, SampledTrack, register
-from .spectra import LONGEST, SHORTEST, Spectrum, check_spectrum, spectrum
+from .spectra import LONGEST, SHORTEST, Spectrum, spectrum
 from .typing import Scalar
 
 #: spacings of the spline in the shortest wavelength; see `RandomTrack`
@@ -46,7 +46,9 @@ class RandomTrack(SampledTrack):
     The phases φ_k are uniform, from NumPy's PCG64, so a seed means the same track everywhere; the amplitudes are not random,
     so every band has its variance exactly, in every realisation. The waves are summed on points `shortest`/8 apart by FFT and
     carried by a cubic spline whose coefficients are divided by its own spectrum sinc⁴(Ω h/2π): every wave keeps its amplitude,
-    and what the spline adds are images of less than 6e-4 of the shortest wave and 2e-5 of one twice as long.
+    and what the spline adds are images of it, below 6.2e-4 of the shortest wave's amplitude and 4e-5 of one's twice as long.
+
+    In single precision the distance is rounded to 6e-8 of itself: 0.06 mm after 1 km, 4 mm after 100 km, on slopes of some 1e-3.
 
     >>> track = RandomTrack("erri-high", seed=range(100))  # a hundred lanes  # doctest: +SKIP
 
@@ -58,7 +60,7 @@ class RandomTrack(SampledTrack):
         self,
         spectrum: str | Path | Callable | Spectrum = "erri-high",
         *,
-        seed: int | Sequence[int] = 0,
+        seed: ArrayLike | Sequence = 0,
         length: float = LENGTH,
         amplitude: Scalar = 1.0,
         shortest: float = SHORTEST,
@@ -72,8 +74,9 @@ class RandomTrack(SampledTrack):
         coefficients = _coefficients(spectrum, seeds, cells, spacing, shortest, longest)
         name = spectrum if isinstance(spectrum, str) else getattr(spectrum, "__name__", type(spectrum).__name__)
         self._set(
-            coefficients=coefficients[:, 0] if isinstance(seed, int | np.integer) else coefficients,
+            coefficients=coefficients[:, 0] if np.ndim(seed) == 0 else coefficients,
             spacing=spacing,
+            start=0.0,
             amplitude=amplitude,
             fade=None if isinstance(fade, int | float) and fade == 0 else fade,
             periodic=True,
@@ -107,15 +110,11 @@ class RandomTrack(SampledTrack):
         return self.amplitude * lines * response.reshape((-1,) + (1,) * (table.ndim - 1))
 
 
-def _seeds(seed: int | Sequence[int]) -> tuple[int, ...]:
-    seeds = (seed,) if isinstance(seed, int | np.integer) else tuple(np.asarray(seed).tolist()) if np.ndim(seed) == 1 else ()
-    if not seeds or not all(isinstance(one, int) and not isinstance(one, bool) and one >= 0 for one in map(_whole, seeds)):
+def _seeds(seed: ArrayLike | Sequence) -> tuple[int, ...]:
+    seeds = np.asarray(seed)
+    if seeds.ndim > 1 or seeds.size == 0 or not np.issubdtype(seeds.dtype, np.integer) or np.any(seeds < 0):
         raise InputError(f"seed must be a whole number from 0 on, or several of them, not {seed!r}")
-    return tuple(map(int, seeds))
-
-
-def _whole(number: object) -> object:
-    return int(number) if isinstance(number, np.integer) else number
+    return tuple(seeds.ravel().tolist())
 
 
 def _check_band(length: float, shortest: float, longest: float) -> None:
@@ -146,7 +145,6 @@ def _coefficients(
     of = spectrum(source)
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(of)):
         raise InputError("a random track takes a spectrum of plain numbers; differentiate with respect to its amplitude")
-    check_spectrum(of)
     try:
         return _synthesised(of, seeds, cells, spacing, shortest, longest)
     except TypeError:  # a spectrum of arrays has no hash

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .errors import InputError
@@ -32,15 +33,16 @@ MARGIN = 3
 
 @dataclass(frozen=True)
 class SampledTrack:
-    """Lateral alignment as a cubic spline over cells of `spacing` m from s = 0 on.
+    """Lateral alignment as a cubic spline over cells of `spacing` m from s = `start` on.
 
-    Leaves: `coefficients` of shape (cells + 3, *lanes), of which the cell i takes i to i + 3; `spacing`; `amplitude`, a factor;
+    Leaves: `coefficients` of shape (cells + 3, *lanes), of which the cell i takes i to i + 3; `spacing`; `start`; `amplitude`, a factor;
     `fade`, m, or None: the alignment is straight up to 0.4 fade and full from fade on. `periodic` tracks go on for ever, others
     are straight where their table ends in zeros. `label` is for printing and lost when JAX takes the pytree apart.
     """
 
     coefficients: Number = field(metadata={"axes": 1})
     spacing: Number
+    start: Number = 0.0
     amplitude: Number = 1.0
     fade: Number = None
     periodic: bool = field(default=True, metadata={"static": True})
@@ -67,7 +69,7 @@ class SampledTrack:
         From 0 to `length` (default the whole table) in steps of `step` (default the spacing), m. Raises `InputError` for lanes, and
         for a file that cannot be written.
         """
-        length, step = length or self.length, step or self.spacing
+        length, step = length or self.start + self.length, step or self.spacing
         distance = step * np.arange(int(length / step + 1e-9) + 1)
         columns = np.column_stack([distance, 1e3 * np.asarray(alignment(_single(self), distance))])
         try:
@@ -80,7 +82,7 @@ class SampledTrack:
         the wheelsets' distances from each other stay exact however far the run."""
         table = jnp.asarray(self.coefficients, offset.dtype)
         cells = table.shape[0] - MARGIN
-        offset_cell, offset_part = self._split(offset, cells)
+        offset_cell, offset_part = self._split(offset - self.start, cells)
 
         def at(start: Distances) -> Distances:
             start_cell, start_part = self._split(jnp.asarray(start), cells)
@@ -161,7 +163,7 @@ def register(kind: type[T]) -> type[T]:
         values, rest = flatten(track)
         return list(zip(keys, values, strict=True)), rest
 
-    def unflatten(rest: tuple, values: list) -> T:
+    def unflatten(rest: tuple, values: Any) -> T:
         track = object.__new__(kind)
         track._set(**dict(zip(leaves, values, strict=True)), periodic=rest[0], label=None)
         return track

@@ -6,7 +6,7 @@ The variance of the alignment between two wavenumbers is the integral of S. A sp
 
 import dataclasses
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -14,7 +14,7 @@ from typing import Protocol, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .csv_columns import read_columns
 from .errors import InputError
@@ -94,14 +94,15 @@ def _arc(low: Float[Array, "..."], high: Float[Array, "..."], corner: Scalar) ->
 class TableSpectrum:
     """A spectrum given by points, straight lines between them in log S over log Ω; zero outside the table.
 
-    `wavenumber` (rad/m, rising, at least two) and `density` (m²/(rad/m), positive). `checked` refuses bad tables.
+    `wavenumber` (rad/m, rising, at least two) and density `values` (m²/(rad/m), positive). Bad tables are refused by `checked`, and by
+    `spectrum` and what uses it, random tracks among them.
     """
 
     wavenumber: Number = table("rad/m", "Ω", "wavenumbers of the table")
     values: Number = table("m^2/(rad/m)", "S", "densities of the table")
 
     @classmethod
-    def checked(cls, wavenumber: Float[np.ndarray, "points"], density: Float[np.ndarray, "points"]) -> "TableSpectrum":
+    def checked(cls, wavenumber: ArrayLike | Sequence, density: ArrayLike | Sequence) -> "TableSpectrum":
         """A table as `InputError` lets it pass: as many of each, at least two, finite, positive, wavenumbers rising."""
         w, s = (np.asarray(values, float) for values in (wavenumber, density))
         if w.ndim != 1 or w.shape != s.shape or w.size < 2:
@@ -191,9 +192,10 @@ def spectrum(source: str | Path | Callable | Spectrum) -> Spectrum:
     """The spectrum of a name ("erri-low", "erri-high", "fra-1" to "fra-6"), a CSV file (`TableSpectrum.from_csv`), a function of Ω
     (`FormulaSpectrum`), or itself.
 
-    Raises `InputError` for an unknown name (with the nearest one) and a bad file.
+    Raises `InputError` for an unknown name (with the nearest one), a bad file, a bad table and parameters that are not positive.
     """
     if isinstance(source, Spectrum):
+        check_spectrum(source)
         return source
     if callable(source):
         return FormulaSpectrum(source)
@@ -216,11 +218,13 @@ def variance(of: Spectrum, low: float, high: float) -> Float[Array, ""]:
 
 
 def check_spectrum(of: Spectrum) -> None:
-    """Refuse parameters that are not finite and positive, where they are known. Raises `InputError`."""
-    for field in dataclasses.fields(of) if dataclasses.is_dataclass(of) else ():
-        value = getattr(of, field.name)
-        if field.metadata.get("static") or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
-            continue
-        array = np.asarray(value, float)
-        if not np.all(np.isfinite(array) & (array > 0)):
-            raise InputError(f"spectrum.{field.name} must be positive and finite, not {value}")
+    """Refuse parameters that are not finite and positive, and bad tables, where they are known. Raises `InputError`."""
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(of)):
+        return
+    if isinstance(of, TableSpectrum):
+        TableSpectrum.checked(of.wavenumber, of.values)
+    elif isinstance(of, ErriSpectrum | FraSpectrum):
+        for field in dataclasses.fields(of):
+            value = np.asarray(getattr(of, field.name), float)
+            if not np.all(np.isfinite(value) & (value > 0)):
+                raise InputError(f"spectrum.{field.name} must be positive and finite, not {value}")

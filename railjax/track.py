@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .errors import InputError
 from .typing import Number
@@ -30,7 +30,7 @@ class Track(Protocol):
         ...
 
 
-def alignment(track: Track, distance: Distances | float) -> Distances:
+def alignment(track: Track, distance: ArrayLike) -> Distances:
     """Lateral alignment eta in m at any distances in m."""
     distance = jnp.asarray(distance, float)
     return track.seen_from(jnp.zeros_like(distance))(distance)
