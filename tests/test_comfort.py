@@ -133,8 +133,8 @@ def test_gradients():
         found = railjax.weighted_rms(a, rate, settle=1.0), railjax.sperling(a, rate), vibration_dose(weighted, rate)
         return jnp.stack([*found, running_maximum(weighted, rate)])
 
-    for one in np.eye(4):
-        check(lambda x, one=one: one @ measures(x), 0.3)
+    # one derivative for all, with shares of their own
+    check(lambda x: jnp.array([1.0, 0.3, -0.7, 2.1]) @ measures(x), 0.3)
     assert np.all(np.isfinite(jax.grad(lambda a: railjax.weighted_rms(a, rate))(jnp.zeros(1000))))
     assert np.all(np.isfinite(jax.grad(lambda a: jnp.sum(sperling_bands(a, rate)))(jnp.zeros(round(12 * rate)))))
 
@@ -211,7 +211,7 @@ def test_comfort_of_a_batch(coach):
     assert found.rms["lateral"].shape == (3, 3)
     assert np.all(np.isnan(found.rms["lateral"][:, 2]))
     one = railjax.comfort(run, settle=3.0, mean=False, place="centre")
-    np.testing.assert_array_equal(one.rms["lateral"], found.rms["lateral"][1])
+    np.testing.assert_allclose(one.rms["lateral"], found.rms["lateral"][1], rtol=1e-12)
     alone = railjax.weighted_rms(floor[:, 1, 0] - jnp.mean(floor[:, 1, 0]), RATE, settle=3.0)
     np.testing.assert_allclose(one.rms["lateral"][0], alone, rtol=1e-9)
     with pytest.raises(railjax.InputError, match="rate 40 Hz is too low"):
