@@ -14,6 +14,7 @@ from .acceptance_record import RunningRecord, acceptance_channels
 from .bouc_wen import BoucWen
 from .calibrate import Calibration, calibrate
 from .channels import CHANNELS
+from .comfort import Comfort, comfort, floor_acceleration
 from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
 from .dampers import MaxwellDamper, PassiveDamper
 from .errors import InputError, NumericalError
@@ -42,7 +43,8 @@ from .statistical import StatisticalResponse, statistical_linearisation
 from .track import BumpTrack, SinusoidTrack, TangentTrack, alignment
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
-from .weightings import weighting
+from .vibration import sperling, weighted_acceleration, weighted_rms
+from .weightings import weighting, weighting_filter
 
 __version__ = "0.1.0"
 
@@ -58,6 +60,7 @@ __all__ = [
     "BumpTrack",
     "Calibration",
     "ClippedLQR",
+    "Comfort",
     "ErriSpectrum",
     "FormulaSpectrum",
     "FraSpectrum",
@@ -97,9 +100,11 @@ __all__ = [
     "acceptance_of_record",
     "alignment",
     "calibrate",
+    "comfort",
     "contact_ellipse",
     "creep_coefficients",
     "first_lyapunov_coefficient",
+    "floor_acceleration",
     "frequency_response",
     "get_parameter",
     "hunting_branch",
@@ -123,10 +128,14 @@ __all__ = [
     "spectrum",
     "spectrum_of",
     "speed_ramp",
+    "sperling",
     "state_matrix",
     "statistical_linearisation",
     "track_matrix",
     "use_all_cores",
     "use_double_precision",
+    "weighted_acceleration",
+    "weighted_rms",
     "weighting",
+    "weighting_filter",
 ]

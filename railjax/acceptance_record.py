@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .acceptance_criteria import PLACES, SAMPLING
-from .deflections import deflections, layout, of_carbody
+from .deflections import deflections, layout
 from .errors import InputError
 from .simulate import Simulation
 from .speed_profile import SpeedProfile
@@ -43,8 +43,9 @@ class RunningRecord:
 
 def acceptance_channels(vehicle: Vehicle) -> tuple[str, ...]:
     """The channels that `acceptance` reads of a run of this vehicle: `simulate(..., record=acceptance_channels(vehicle))`."""
-    groups = [name for name in layout(vehicle) if not name.startswith("wheelset")]
-    return ("guiding_force", *(name + "_acceleration" for name in groups))
+    groups = layout(vehicle)
+    floor = ("floor_acceleration",) if "carbody_y" in groups else ()
+    return ("guiding_force", *floor, *(name + "_acceleration" for name in groups if name.startswith("bogie")))
 
 
 def record_of_run(vehicle: Vehicle, run: Simulation) -> RunningRecord:
@@ -61,15 +62,14 @@ def record_of_run(vehicle: Vehicle, run: Simulation) -> RunningRecord:
     # time as the first of the trailing axes, as if its instants were lanes
     still = jnp.zeros((len(pattern.bogie_pattern), len(pattern.axle_pattern), len(force), *force.shape[2:]), force.dtype)
     groups = {"wheelset_y": still, "wheelset_psi": still}
-    for name in acceptance_channels(vehicle)[1:]:
-        values = jnp.asarray(run[name])
-        groups[name.removesuffix("_acceleration")] = values if name.startswith("carbody") else jnp.moveaxis(values, 1, 0)
+    for name in (name for name in acceptance_channels(vehicle) if name.startswith("bogie")):
+        groups[name.removesuffix("_acceleration")] = jnp.moveaxis(jnp.asarray(run[name]), 1, 0)
     return RunningRecord(
         speed=run.speed,
         sampling_rate=(len(run.time) - 1) / float(run.time[-1] - run.time[0]),
         guiding_force=force,
         bogie_acceleration=None if vehicle.bogie.held else _over_axles(vehicle, groups),
-        carbody_acceleration=None if vehicle.carbody.held else _over_bogies(vehicle, groups),
+        carbody_acceleration=None if vehicle.carbody.held else jnp.asarray(run["floor_acceleration"])[:, [0, -1]],
         ok=run.ok,
         name=vehicle.name,
     )
@@ -79,11 +79,6 @@ def _over_axles(vehicle: Vehicle, groups: dict[str, Any]) -> Float[Array, "sampl
     """Bogie frame at the axle boxes, y_b'' ± a psi_b'' + h_ob phi_b'': what the primary springs see with wheelsets at rest."""
     values = deflections(vehicle, groups)["primary_y"]
     return jnp.moveaxis(values.reshape((-1, *values.shape[2:])), 0, 1)
-
-
-def _over_bogies(vehicle: Vehicle, groups: dict[str, Any]) -> Float[Array, "samples bogies *lanes"]:
-    """Car body over each bogie at the upper ends of the secondary suspension, y_c'' + h_cc phi_c'' ± l psi_c''."""
-    return jnp.moveaxis(of_carbody(vehicle, groups), 0, 1)
 
 
 def check_record(record: RunningRecord) -> tuple[dict[str, Float[np.ndarray, "..."]], int, Bool[np.ndarray, "lanes"]]:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from jaxtyping import Array, Float
 
-from .deflections import UNITS
+from .deflections import FLOOR_POINTS, UNITS, lateral_of_floor
 from .errors import InputError
 from .motion import Motion
 
@@ -14,7 +14,8 @@ Values = Float[Array, "..."]
 
 
 class Channel(NamedTuple):
-    """A recordable quantity: `read` gives (*lanes), (n, *lanes) or (n, m, *lanes) as `part` is carbody, bogie or wheelset."""
+    """A recordable quantity: `read` gives (*lanes), (points, *lanes), (n, *lanes) or (n, m, *lanes) as `part` is carbody,
+    floor, bogie or wheelset."""
 
     unit: str
     part: str
@@ -37,6 +38,8 @@ def _coordinates() -> dict[str, Channel]:
 CHANNELS: dict[str, Channel] = _coordinates() | {
     # eq. (5), corrected (reading 1): by the equations of motion it is y_c''
     "carbody_acceleration": Channel("m/s^2", "carbody", _coordinate("carbody_y", 2)),
+    # lateral, over the leading bogie, in the centre, over the trailing bogie
+    "floor_acceleration": Channel("m/s^2", "floor", lambda instant: lateral_of_floor(instant.vehicle, instant.accelerations)),
     "secondary_travel": Channel("m", "bogie", lambda instant: instant.deflection["secondary_y"]),
     "secondary_velocity": Channel("m/s", "bogie", lambda instant: instant.deflection_rate["secondary_y"]),
     "damper_force": Channel("N", "bogie", lambda instant: instant.damper_force),
@@ -48,6 +51,9 @@ CHANNELS: dict[str, Channel] = _coordinates() | {
     "flange_force": Channel("N", "wheelset", lambda instant: -instant.contact.flange),
     "creep_saturation": Channel("1", "wheelset", lambda instant: instant.contact.saturation),
 }
+
+#: part -> names of its places, of parts whose places have names
+PLACES = {"floor": FLOOR_POINTS}
 
 #: how a channel can be summed up over a run without storing it
 REDUCTIONS = ("rms", "mean", "peak")

@@ -60,13 +60,14 @@ def make_track(
     amplitude_mm: float | None = None,
     wavelength_m: float | None = None,
     bump_m: float | None = None,
-    **random: float,
+    length: float = 0.0,
 ) -> tuple["Track", list[str]]:
-    """The track of `--track` (a spectrum's name or a CSV file) or of the other options, and what it rests on. Raises `InputError`.
+    """The track of `--track` (a spectrum's name or a CSV file) or of the other options, and what it rests on.
 
-    `random`, what a `RandomTrack` takes beside its seed.
+    A random track repeats itself after `length` m at the earliest. Raises `InputError`.
     """
     from . import BumpTrack, MeasuredTrack, RandomTrack, SinusoidTrack
+    from .random_track import LENGTH
 
     measured = name is not None and name.lower().endswith(".csv")
     if seed is not None and (name is None or measured):
@@ -79,7 +80,7 @@ def make_track(
         if value is not None:
             raise InputError(f"--{option} and --track exclude each other: give one")
     try:
-        found = MeasuredTrack.from_csv(name) if measured else RandomTrack(name, seed=seed or 0, **random)
+        found = MeasuredTrack.from_csv(name) if measured else RandomTrack(name, seed=seed or 0, length=max(length, LENGTH))
     except InputError as error:
         raise InputError(f"--track: {error}") from None
     return found, [f"track: {line.strip()}" for line in str(found).splitlines()]

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .typing import Scalar
 from .vehicle import Vehicle
 
 #: coordinates by name; car body (*lanes), bogies (n, *lanes), wheelsets (n, m, *lanes)
@@ -98,6 +99,28 @@ def has_own_heights(vehicle: Vehicle) -> bool:
     return damper is not None and not (damper.carbody_height is None and damper.bogie_to_damper is None)
 
 
+def lateral_of_carbody(q: Groups, along: Float[Array, "..."] | float, below: Scalar) -> Float[Array, "..."]:
+    """y_c + h phi_c + x psi_c, the lateral motion of the car body's point x = `along` (m) ahead of its centre and h = `below`
+    (m) under it: a displacement, a velocity or an acceleration, as `q` is."""
+    return q["carbody_y"] + below * q["carbody_phi"] + along * q["carbody_psi"]
+
+
+#: m; assumed for vehicles without `carbody_to_floor`: a coach's centre of gravity 1.8 m above the rail, its floor 1.2 m
+CARBODY_TO_FLOOR = 0.6
+
+#: points of the floor at which comfort is measured (EN 12299)
+FLOOR_POINTS = ("leading bogie", "centre", "trailing bogie")
+
+
+def lateral_of_floor(vehicle: Vehicle, q: Groups) -> Float[Array, "points *lanes"]:
+    """Lateral motion of the floor over the leading bogie, in the centre and over the trailing bogie."""
+    geometry = vehicle.geometry
+    below = CARBODY_TO_FLOOR if geometry.carbody_to_floor is None else geometry.carbody_to_floor
+    first, *_, last = (*geometry.bogie_pattern, geometry.bogie_pattern[-1])
+    along = _along((first, 0.0, last), q["carbody_y"], q["carbody_y"].ndim) * geometry.half_pivot_distance
+    return lateral_of_carbody(q, along, below)
+
+
 def deflections(vehicle: Vehicle, q: Groups) -> Groups:
     """Deflection of every element, linear in q (eq. 7 and its like); of q' it gives the rates.
 
@@ -111,12 +134,13 @@ def deflections(vehicle: Vehicle, q: Groups) -> Groups:
     geometry = vehicle.geometry
     y, psi = q["wheelset_y"], q["wheelset_psi"]
     held = jnp.zeros(y.shape[:1] + y.shape[2:], y.dtype)
-    carbody_y, carbody_psi, carbody_phi, bogie_y, bogie_psi, bogie_phi = (
-        q.get(name, held) for name in ("carbody_y", "carbody_psi", "carbody_phi", "bogie_y", "bogie_psi", "bogie_phi")
+    q = {name: q.get(name, held) for name in UNITS} | {"wheelset_y": y, "wheelset_psi": psi}
+    carbody_psi, carbody_phi, bogie_y, bogie_psi, bogie_phi = (
+        q[name] for name in ("carbody_psi", "carbody_phi", "bogie_y", "bogie_psi", "bogie_phi")
     )
     deflection = {"contact_y": y, "contact_psi": psi}
     if not vehicle.carbody.held or not vehicle.bogie.held:
-        lateral_carbody = carbody_y + geometry.carbody_height * carbody_phi + bogie_positions(vehicle, y) * carbody_psi
+        lateral_carbody = lateral_of_carbody(q, bogie_positions(vehicle, y), geometry.carbody_height)
         deflection |= {
             "secondary_y": lateral_carbody - bogie_y + geometry.bogie_to_secondary * bogie_phi,
             "secondary_x": geometry.half_secondary * (carbody_psi - bogie_psi),
@@ -130,7 +154,7 @@ def deflections(vehicle: Vehicle, q: Groups) -> Groups:
             above, below = vehicle.lateral_damper.carbody_height, vehicle.lateral_damper.bogie_to_damper
             above = geometry.carbody_height if above is None else above
             below = geometry.bogie_to_secondary if below is None else below
-            lateral_carbody = carbody_y + above * carbody_phi + bogie_positions(vehicle, y) * carbody_psi
+            lateral_carbody = lateral_of_carbody(q, bogie_positions(vehicle, y), above)
             deflection["lateral_damper"] = lateral_carbody - bogie_y + below * bogie_phi
     if not vehicle.bogie.held:
         deflection["primary_z"] = geometry.half_primary * bogie_phi

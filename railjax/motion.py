@@ -37,6 +37,7 @@ class Motion(NamedTuple):
     elongation_rate: Float[Array, "s n *lanes"]  # rate of the yaw dampers' internal states, m/s
     alignment: Float[Array, "n m *lanes"]  # eta_i, m
     slowness: Scalar  # 1/v, s/m
+    vehicle: Vehicle  # for what is read off it elsewhere, as on the floor
 
 
 def inertias(vehicle: Vehicle) -> dict[str, Scalar]:
@@ -124,7 +125,18 @@ def motion(
         inertia = inertias(vehicle)
         accelerations = {name: force * (-1.0 / inertia[name]) for name, force in generalised.items()}
     return Motion(
-        q, rates, accelerations, deflection, rate, contact, damper_force, internal_rate, elongation_rate, alignment, slowness
+        q,
+        rates,
+        accelerations,
+        deflection,
+        rate,
+        contact,
+        damper_force,
+        internal_rate,
+        elongation_rate,
+        alignment,
+        slowness,
+        vehicle,
     )
 
 

@@ -91,7 +91,7 @@ def _assemble(found: dict[str, Samples], sample_rate: float | None, path: Path, 
         raise InputError(f"{path}: no column of the force; name it with --force")
     if "displacement" not in found and "velocity" not in found:
         raise InputError(f"{path}: no column of displacement or velocity; name one with --displacement or --velocity")
-    dt = _sampling(found.get("time"), sample_rate, path)
+    dt = sampling_interval(found.get("time"), sample_rate, path)
     x, v, command = found.get("displacement"), found.get("velocity"), found.get("command")
     if v is None:
         v = _smooth_derivative(x, dt)
@@ -116,11 +116,14 @@ def _assemble(found: dict[str, Samples], sample_rate: float | None, path: Path, 
     return Record(x, v, np.maximum(command, 0.0), found["force"], dt, path.name, tuple(notes))
 
 
-def _sampling(time: Samples | None, sample_rate: float | None, path: Path) -> float:
-    """The sampling interval; a printed time may be rounded, so it need only lie within half a sample of an even one."""
+def sampling_interval(time: Samples | None, sample_rate: float | None, path: Path, option: str = "--sample-rate") -> float:
+    """The sampling interval in s; a printed time may be rounded, so it need only lie within half a sample of an even one.
+
+    `option` is how the user gives `sample_rate` (Hz), for the messages.
+    """
     if time is None:
         if sample_rate is None:
-            raise InputError(f"{path}: no column of the time; name it with --time, or give --sample-rate in Hz")
+            raise InputError(f"{path}: no column of the time; name it 'time', or give {option} in Hz")
         return 1.0 / sample_rate
     falls = np.flatnonzero(np.diff(time) <= 0.0)
     if falls.size:
@@ -130,7 +133,7 @@ def _sampling(time: Samples | None, sample_rate: float | None, path: Path) -> fl
     if np.max(off) > 0.5 * dt:
         raise InputError(f"{path}: samples are not evenly spaced (near {time[np.argmax(off)]:g} s); resample the record first")
     if sample_rate is not None and abs(dt * sample_rate - 1.0) > 0.01:
-        raise InputError(f"{path}: --sample-rate {sample_rate:g} Hz, but the time column says {1.0 / dt:.6g} Hz")
+        raise InputError(f"{path}: {option} {sample_rate:g} Hz, but the time column says {1.0 / dt:.6g} Hz")
     return dt if sample_rate is None else 1.0 / sample_rate
 
 

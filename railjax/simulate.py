@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from .channels import CHANNELS, check_channel, parse_reduction
+from .channels import CHANNELS, PLACES, check_channel, parse_reduction
 from .dampers import Damper, check_damper
 from .deflections import join, layout
 from .errors import InputError
@@ -41,7 +41,7 @@ class Result(IntEnum):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Simulation:
-    """Result of `simulate`. Arrays have time first, then bogie or wheelset (n·m), then lanes.
+    """Result of `simulate`. Arrays have time first, then floor point, bogie or wheelset (n·m), then lanes.
 
     `channels` holds the recorded time histories, `reductions` the sums over the run ("rms:carbody_acceleration"), `final` the
     state at the end, `code` a `Result` per lane. Indexing by name reads either.
@@ -86,7 +86,7 @@ class Simulation:
         return "\n".join(lines)
 
     def to_xarray(self) -> "xarray.Dataset":
-        """A labelled dataset: dimensions time (s), bogie, wheelset, lane; units in the attributes."""
+        """A labelled dataset: dimensions time (s), floor, bogie, wheelset, lane; units in the attributes."""
         import xarray
 
         lane = ("lane",) if self.code.ndim else ()
@@ -103,6 +103,8 @@ class Simulation:
             {"meaning": ", ".join(f"{r.value} {r.name.lower()}" for r in Result)},
         )
         coordinates: dict[str, Any] = {"time": ("time", np.asarray(self.time), {"units": "s"})}
+        dimensions = {name for names, *_ in variables.values() for name in names}
+        coordinates |= {part: list(names) for part, names in PLACES.items() if part in dimensions}
         if not isinstance(self.speed, SpeedProfile):
             speed = np.asarray(self.speed)
             coordinates["speed"] = (lane if speed.ndim else (), speed, {"units": "m/s"})
@@ -306,7 +308,7 @@ def _plan(
         if steps % every:
             raise InputError(f"duration {duration:g} s must be a whole number of samples of {sample:g} s")
     shapes = layout(vehicle)
-    parts = {name.split("_")[0] for name in shapes} | ({"bogie"} if "carbody_y" in shapes else set())
+    parts = {name.split("_")[0] for name in shapes} | ({"bogie", "floor"} if "carbody_y" in shapes else set())
     for name in [check_channel(name) for name in record] + [parse_reduction(name)[1] for name in reduce]:
         if CHANNELS[name].part not in parts or (name in UNAVAILABLE and len(parts) == 1):
             raise InputError(f"channel {name!r}: this vehicle's {CHANNELS[name].part} is held")

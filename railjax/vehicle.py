@@ -156,7 +156,7 @@ class BumpStop:
 class Geometry:
     """Half distances, heights and the layout: pattern (1, -1) is two bogies (axles) at +l and -l (+a and -a),
     (1, 0, -1) three axles in a bogie, (0,) a single one. Leading ones first. The secondary vertical dampers stand with the
-    springs unless `half_vertical_damper` says otherwise."""
+    springs unless `half_vertical_damper` says otherwise; `carbody_to_floor` is where the floor's acceleration is recorded."""
 
     half_wheelbase: Number = quantity("m", "a", "half the bogie's wheelbase")
     half_pivot_distance: Number = quantity("m", "l", "half the distance between bogies")
@@ -167,6 +167,7 @@ class Geometry:
     bogie_to_primary: Number = quantity("m", "h_ob", "bogie centre to the axle suspension")
     bogie_to_secondary: Number = quantity("m", "h_cb", "bogie centre to the secondary suspension")
     half_vertical_damper: Number = optional("m", "d_v", "half the lateral distance of the secondary vertical dampers")
+    carbody_to_floor: Number = optional("m", "h_cf", "car body centre above the floor")
     bogie_pattern: tuple[float, ...] = structure((1.0, -1.0))
     axle_pattern: tuple[float, ...] = structure((1.0, -1.0))
 

@@ -94,7 +94,7 @@ def test_channels_are_consistent(coach):
     names = list(railjax.CHANNELS)
     start = {"wheelset_y": 9.5e-3, "bogie_phi": 1e-3}
     result = run(coach, 60.0, record=names, initial=start, duration=0.1, sample=1e-3)
-    shapes = {"carbody": (), "bogie": (2,), "wheelset": (4,)}
+    shapes = {"carbody": (), "floor": (3,), "bogie": (2,), "wheelset": (4,)}
     for name in names:
         values = np.asarray(result[name])
         assert values.shape == (100, *shapes[railjax.CHANNELS[name].part]), name
