@@ -9,6 +9,7 @@
 Importing it changes no JAX configuration and starts no backend.
 """
 
+from . import objectives
 from .acceptance import Acceptance, acceptance, acceptance_of_record
 from .acceptance_record import RunningRecord, acceptance_channels
 from .bouc_wen import BoucWen
@@ -41,6 +42,7 @@ from .spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, Table
 from .speed_profile import SpeedProfile
 from .statistical import StatisticalResponse, statistical_linearisation
 from .track import BumpTrack, SinusoidTrack, TangentTrack, alignment
+from .tuning import Tuning, tune
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
 from .vibration import sperling, weighted_acceleration, weighted_rms
@@ -93,6 +95,7 @@ __all__ = [
     "StatisticalResponse",
     "TableSpectrum",
     "TangentTrack",
+    "Tuning",
     "Vehicle",
     "YawDamper",
     "acceptance",
@@ -118,6 +121,7 @@ __all__ = [
     "modes",
     "nonlinear_critical",
     "nonlinear_critical_speed",
+    "objectives",
     "packaged_vehicles",
     "parameters",
     "read_record",
@@ -132,6 +136,7 @@ __all__ = [
     "state_matrix",
     "statistical_linearisation",
     "track_matrix",
+    "tune",
     "use_all_cores",
     "use_double_precision",
     "weighted_acceleration",

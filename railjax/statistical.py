@@ -13,6 +13,7 @@ from typing import ClassVar, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from .channels import check_channel
@@ -30,10 +31,10 @@ from .typing import Number, Scalar
 from .units import KMH
 from .vehicle import Vehicle, without_labels
 
-#: of the fixed point: enough for 1e-6 wherever it converges well; share of the new gains that is taken over
+#: of the fixed point: most iterations; share of the new gains that is taken over
 ITERATIONS, SHARE = 60, 0.7
-#: largest change of a gain, relative, that counts as converged
-CONVERGED = 1e-4
+#: largest change of a gain, relative, at which the iteration stops, and that which counts as converged
+AIM, CONVERGED = 1e-7, 1e-4
 
 
 class Gains(NamedTuple):
@@ -96,13 +97,13 @@ def statistical_linearisation(
     no internal states and observes nothing; others raise `InputError`. Bump stops and yaw dampers' blow-off stay linear. For balance
     logic without limit and least damping it gives k = -α k_cy and c = 2 α k_cy σ_y/(π σ_v) per bogie.
 
-    Differentiable (through the iteration), `jit`- and `vmap`-able over speed, track amplitude and any float. Raises `NumericalError`
+    Differentiable once (implicitly, at the fixed point), `jit`- and `vmap`-able over speed, track amplitude and any float. Raises `NumericalError`
     where the equivalent vehicle is unstable or the iteration does not settle (in a transformation: NaN, and `change`).
     """
     require_double_precision("statistical linearisation")
     check_speed(speed)
     check_damper(damper)
-    if not _memoryless(damper):
+    if not memoryless(damper):
         raise InputError(
             f"statistical linearisation takes laws of travel and velocity without memory (PassiveDamper, BalanceLogic without lags), not {type(damper).__name__}"
         )
@@ -117,7 +118,8 @@ def statistical_linearisation(
     return StatisticalResponse(FrequencyResponse(frequency, transfer, waves, growth, speed, vehicle.name), gains, change)
 
 
-def _memoryless(damper: Damper) -> bool:
+def memoryless(damper: Damper) -> bool:
+    """Whether the law is one of travel and velocity alone."""
     if isinstance(damper, BalanceLogic):
         return damper.sensor_lag is None and damper.actuator_lag is None
     return damper.internal_states == 0 and not getattr(damper, "observes", False)
@@ -125,9 +127,11 @@ def _memoryless(damper: Damper) -> bool:
 
 @functools.partial(jax.jit, static_argnames="record")
 def _solved(vehicle: Vehicle, speed: Scalar, damper: Damper, waves: Excitation, record: tuple[str, ...]):
-    slowness = 1.0 / jnp.asarray(speed, float)
+    given = vehicle, speed, damper, waves
+    fixed = jax.lax.stop_gradient(given)
 
-    def local(instant: Motion) -> dict[str, Float[Array, "..."]]:
+    def local(vehicle: Vehicle, speed: Scalar, instant: Motion) -> dict[str, Float[Array, "..."]]:
+        slowness = 1.0 / jnp.asarray(speed, float)
         deflection, rate = instant.deflection, instant.deflection_rate
         y_rel = deflection["contact_y"] - instant.alignment
         creepage = creepages(vehicle, slowness, y_rel, deflection["contact_psi"], rate["contact_y"], rate["contact_psi"])
@@ -137,26 +141,40 @@ def _solved(vehicle: Vehicle, speed: Scalar, damper: Damper, waves: Excitation, 
             signals |= {"travel": deflection[at], "velocity": rate[at]}
         return signals
 
-    def response(gains: Gains, read):
+    def response(given: tuple, gains: Gains, read):
+        vehicle, speed, _, waves = given
         equivalent, element = _equivalent(vehicle, gains)
         return respond(equivalent, speed, waves.wavenumber, element, read, flange=True)
 
-    def improved(gains: Gains, _: None) -> tuple[Gains, Array]:
-        _, signals, _ = response(gains, local)
-        new = _gains(vehicle, damper, signals, waves.variance)
-        mixed = jax.tree.map(lambda old, new: old + SHARE * (new - old), gains, new)
+    def new_gains(given: tuple, gains: Gains) -> Gains:
+        vehicle, speed, damper, waves = given
+        _, signals, _ = response(given, gains, functools.partial(local, vehicle, speed))
+        return _gains(vehicle, damper, signals, waves.variance)
+
+    def improved(carry: tuple[Gains, Array, Array]) -> tuple[Gains, Array, Array]:
+        gains, _, count = carry
+        mixed = jax.tree.map(lambda old, new: old + SHARE * (new - old), gains, new_gains(fixed, gains))
         # against the gain itself, or its linear element: a flange that is never touched changes nothing
-        scales = Gains(1.0, 1.0, 1.0, vehicle.secondary.stiffness_y, jnp.abs(gains.damping) + vehicle.secondary.damping_y)
+        secondary = fixed[0].secondary
+        scales = Gains(1.0, 1.0, 1.0, secondary.stiffness_y, jnp.abs(gains.damping) + secondary.damping_y)
         changes = jax.tree.map(lambda old, new, scale: jnp.max(jnp.abs(new - old) / scale), gains, mixed, scales)
-        return mixed, jnp.max(jnp.stack(changes))
+        return mixed, jnp.max(jnp.stack(changes)), count + 1
 
     n, m = wheelset_shape(vehicle)
     start = Gains(
         jnp.ones((n, m)), jnp.ones((n, m)), jnp.zeros((n, m)), jnp.zeros(n), jnp.full(n, 2.0 * vehicle.secondary.damping_y)
     )
-    gains, changes = jax.lax.scan(improved, start, None, ITERATIONS)
-    frequency, transfer, growth = response(gains, functools.partial(read_channels, record))
-    return frequency, transfer, growth, gains, changes[-1]
+    start = jax.lax.stop_gradient(jax.tree.map(lambda gain: jnp.asarray(gain, float), start))
+    first = start, jnp.asarray(jnp.inf), jnp.asarray(0)
+    # NaN ends it
+    gains, change, _ = jax.lax.while_loop(lambda now: (now[1] > AIM) & (now[2] < ITERATIONS), improved, first)
+    # one step of Newton from the converged gains; its derivative is that of the implicit function
+    flat, gains_of = ravel_pytree(gains)
+    slope = jax.jacfwd(lambda flat: ravel_pytree(new_gains(fixed, gains_of(flat)))[0])(flat)
+    residual = ravel_pytree(new_gains(given, gains))[0] - flat
+    gains = gains_of(flat + jnp.linalg.solve(jnp.eye(flat.size) - slope, residual))
+    frequency, transfer, growth = response(given, gains, functools.partial(read_channels, record))
+    return frequency, transfer, growth, gains, change
 
 
 def _equivalent(vehicle: Vehicle, gains: Gains) -> tuple[Vehicle, EquivalentDamper]:

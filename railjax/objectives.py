@@ -1,0 +1,244 @@
+"""Objectives and constraints for `railjax.tune`, each with the derivative that suits it.
+
+    comfort, travel, guiding_force    random track: frequency domain (reverse mode); any track in time: forward mode
+    linear_critical_speed, least_damping    eigenvalues, by left and right eigenvectors
+    nonlinear_critical_speed, limit_cycle_amplitude    periodic orbits, by the implicit function
+
+Each is a function that returns a `Quantity`; `quantity >= limit` and `quantity <= limit` (SI) are constraints. A run that hunts is
+never differentiated through time: that is refused, and the message names what to use instead.
+
+>>> from railjax import objectives as aim
+>>> aim.comfort(55.0), aim.linear_critical_speed() >= 72.0, aim.travel(55.0) <= 0.06  # doctest: +SKIP
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from . import continuation, critical, linear, orbits
+from .channels import CHANNELS, check_channel
+from .dampers import Damper
+from .errors import InputError
+from .motion import state_matrix
+from .quantities import Quantity, kmh, smooth_damper
+from .responses import Response, Run, response_over
+from .simulate import check_speed
+from .typing import Number, Scalar
+from .units import KMH
+from .vehicle import Vehicle, structure
+from .weightings import check_weighting
+
+METHODS = ("auto", "frequency", "statistical", "time")
+#: of a Gaussian signal 99.73 % lie within three standard deviations; EN 14363 judges forces by the 99.85 and 0.15 % percentiles
+PEAK_FACTOR = 3.0
+
+
+def comfort(
+    speeds: Scalar | list[float] | tuple[float, ...] | np.ndarray,
+    track: Any = "erri-high",
+    *,
+    weighting: str | None = "Wd",
+    channel: str = "carbody_acceleration",
+    method: str = "auto",
+    **run: Any,
+) -> Quantity:
+    """Weighted r.m.s. acceleration, m/s^2: the root mean square over all `speeds` (m/s) and tracks, of several places the worst.
+
+    `track` is a spectrum (a name, a table, a formula), a `RandomTrack`, or several of these in a list. `method`: "frequency" (linear; exact and in milliseconds), "statistical"
+    (equivalent creep, flange and balance logic) or "time" (forward mode through a forced run, for any track, which may then be a
+    `SinusoidTrack`; it takes `duration`, `settle` and `dt` in s; refused where the vehicle hunts). "auto" is "time" for tracks
+    that are no random ones, "statistical" for balance logic, else "frequency". `weighting` None is the plain r.m.s.
+    """
+    if weighting is not None:
+        check_weighting(weighting)
+    return _response("comfort", speeds, track, channel, weighting, 1.0, method, run)
+
+
+def travel(
+    speeds: Scalar | list[float] | tuple[float, ...] | np.ndarray,
+    track: Any = "erri-high",
+    *,
+    peak_factor: float = PEAK_FACTOR,
+    method: str = "auto",
+    **run: Any,
+) -> Quantity:
+    """Largest lateral travel of the secondary suspension, m: of all speeds, tracks and bogies the greatest.
+
+    On a random track `peak_factor` times the r.m.s.; with method "time" the peak of the run itself. Otherwise as `comfort`.
+    """
+    return _response("secondary travel", speeds, track, "secondary_travel", None, peak_factor, method, run)
+
+
+def guiding_force(
+    speeds: Scalar | list[float] | tuple[float, ...] | np.ndarray,
+    track: Any = "erri-high",
+    *,
+    peak_factor: float = PEAK_FACTOR,
+    method: str = "auto",
+    **run: Any,
+) -> Quantity:
+    """Largest lateral force of the track on a wheelset (ΣY), N; as `travel`."""
+    return _response("guiding force", speeds, track, "guiding_force", None, peak_factor, method, run)
+
+
+def _response(
+    label: str, speeds: Any, track: Any, channel: str, weighting: str | None, factor: float, method: str, run: dict[str, Any]
+) -> Quantity:
+    check_channel(channel)
+    if CHANNELS[channel].part not in ("carbody", "floor", "bogie", "wheelset"):
+        raise InputError(f"channel {channel!r} is not one of a vehicle's")
+    if not (np.isfinite(factor) and factor > 0):
+        raise InputError(f"peak_factor must be positive, not {factor}")
+    if method not in METHODS:
+        raise InputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+    return response_over(label, _speeds(speeds), track, channel, weighting, factor, method, run)
+
+
+def _speeds(speeds: Any) -> Float[np.ndarray, "speeds"]:
+    try:
+        found = np.atleast_1d(np.asarray(speeds, float))
+    except (TypeError, ValueError):
+        raise InputError(f"speeds must be numbers in m/s, not {speeds!r}") from None
+    if found.ndim != 1 or found.size == 0:
+        raise InputError(f"speeds must be a number or a list of numbers in m/s, not of shape {found.shape}")
+    check_speed(found)
+    return found
+
+
+def linear_critical_speed(highest: float = linear.HIGHEST) -> Quantity:
+    """Speed (m/s) at which straight running loses its stability; `highest` where it is stable up to there."""
+    if not (np.isfinite(highest) and highest > linear.LOWEST):
+        raise InputError(f"highest must be above {linear.LOWEST:g} m/s, not {highest}")
+    return LinearCriticalSpeed(float(highest))
+
+
+def nonlinear_critical_speed(steps: int | None = None) -> Quantity:
+    """Lowest speed (m/s) with a limit cycle, the fold; takes a few tenths of a second where the linear one takes milliseconds.
+
+    `steps` of RK4 in half a period as in `railjax.nonlinear_critical`, the same for all trials; None: 200.
+    """
+    return NonlinearCriticalSpeed(critical.FEWEST_STEPS if steps is None else int(steps))
+
+
+def least_damping(speed: float) -> Quantity:
+    """Damping ratio of the least damped mode at a speed (m/s), negative where it is unstable."""
+    return LeastDamping(float(_one(speed)))
+
+
+def limit_cycle_amplitude(speed: float, steps: int = critical.FEWEST_STEPS) -> Quantity:
+    """Amplitude (m) of the limit cycle to which the vehicle is drawn from a large disturbance at a speed (m/s), 0 where it comes to rest.
+
+    Of the leading wheelset of the trailing bogie; by implicit differentiation of the orbit at this speed.
+    """
+    return LimitCycleAmplitude(float(_one(speed)), int(steps))
+
+
+def _one(speed: Any) -> float:
+    found = _speeds(speed)
+    if found.size != 1:
+        raise InputError("speed must be a single number in m/s")
+    return float(found[0])
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class LinearCriticalSpeed(Quantity):
+    """See `linear_critical_speed`."""
+
+    highest: Number
+
+    unit: ClassVar[str] = "km/h"
+    factor: ClassVar[float] = KMH
+    greatest: ClassVar[bool] = True
+
+    @property
+    def name(self) -> str:
+        return "linear critical speed"
+
+    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
+        found = linear.linear_critical(vehicle, damper=smooth_damper(damper), highest=self.highest)
+        return jnp.where(found.code == linear.Stability.STABLE, self.highest, found.speed)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class NonlinearCriticalSpeed(Quantity):
+    """See `nonlinear_critical_speed`."""
+
+    steps: int = structure(critical.FEWEST_STEPS)
+
+    unit: ClassVar[str] = "km/h"
+    factor: ClassVar[float] = KMH
+    greatest: ClassVar[bool] = True
+
+    @property
+    def name(self) -> str:
+        return "nonlinear critical speed"
+
+    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
+        found = critical.nonlinear_critical(vehicle, damper=smooth_damper(damper), steps=self.steps)
+        return jnp.where(found.code == critical.Hunting.STABLE, linear.HIGHEST, found.speed)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class LeastDamping(Quantity):
+    """See `least_damping`."""
+
+    speed: Number
+
+    unit: ClassVar[str] = "%"
+    factor: ClassVar[float] = 100.0
+    greatest: ClassVar[bool] = True
+
+    @property
+    def name(self) -> str:
+        return f"least damping at {kmh(self.speed)}"
+
+    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
+        values = jnp.linalg.eigvals(state_matrix(vehicle, self.speed, smooth_damper(damper)))
+        size = jnp.abs(values)
+        ratio = -values.real / jnp.where(size > 0.0, size, 1.0)
+        # a rigid-body mode at rest has no damping ratio
+        moving = size > 1e-9 * jnp.max(size)
+        return ratio[jax.lax.stop_gradient(jnp.argmin(jnp.where(moving, ratio, jnp.inf)))]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class LimitCycleAmplitude(Quantity):
+    """See `limit_cycle_amplitude`."""
+
+    speed: Number
+    steps: int = structure(critical.FEWEST_STEPS)
+
+    unit: ClassVar[str] = "mm"
+    factor: ClassVar[float] = 1e3
+
+    @property
+    def name(self) -> str:
+        return f"limit-cycle amplitude at {kmh(self.speed)}"
+
+    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
+        """A step of Newton from the converged orbit, whose derivative is that of the implicit function."""
+        shooting = orbits.Shooting(self.steps, critical.default_wheelset(vehicle, None))
+        model = orbits.Model(orbits.rounded(vehicle), smooth_damper(damper))
+        fixed = jax.tree.map(lambda leaf: jax.lax.stop_gradient(jnp.asarray(leaf, float)), model)
+        speed = jnp.asarray(self.speed, float)
+        shape, omega = continuation.hunting_mode(fixed, shooting, speed)
+        start = shape * fixed.vehicle.contact.flange_clearance
+        problem = continuation.settled(fixed, shooting, start, 2.0 * jnp.pi / omega, speed)
+        point = jax.lax.stop_gradient(orbits.solved(fixed, shooting, problem))
+        equations = orbits.linearised(fixed, shooting, point.unknowns)
+        bordered = jnp.vstack([equations.jacobian, orbits.row_of(fixed, shooting, orbits.BY_SPEED)])
+        orbit = orbits.unpack(fixed, shooting, point.unknowns)
+        residual = orbits.section(model, shooting, orbit) - orbit.state / orbits.scales(model)
+        unknowns = point.unknowns - jnp.linalg.solve(bordered, jnp.append(residual, 0.0))
+        amplitude = jnp.abs(orbits.plane(model, shooting, unknowns)[0]) * orbits.DISPLACEMENT
+        hunts = point.usable & (continuation.largest_displacement(fixed, point) > 1e-3 * fixed.vehicle.contact.flange_clearance)
+        at_rest = jnp.max(jnp.abs(problem.guess[:-2])) * orbits.DISPLACEMENT < 1e-3 * fixed.vehicle.contact.flange_clearance
+        return jnp.where(hunts, amplitude, jnp.where(at_rest | point.usable, 0.0, jnp.nan))

@@ -1,0 +1,161 @@
+"""What tuning asks of an objective or a constraint: a number of a vehicle and its damper, how it is differentiated, its sharp twin.
+
+A quantity is a pytree, so that one compilation serves every limit, speed and track of the same kind.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .dampers import Damper
+from .errors import InputError
+from .kernels import jit as one_kernel
+from .units import KMH
+from .vehicle import Vehicle
+
+#: a vehicle and what takes the place of rho_cy
+Trees = tuple[Vehicle, Damper]
+
+
+class Quantity:
+    """A number by which a vehicle is judged; compare it with a limit to get a constraint, `quantity >= 72.0`.
+
+    Subclasses are frozen dataclasses and pytrees. `value` is differentiable, in the mode that `mode` names; NaN where there is
+    no such number (a vehicle that is unstable at the speed, no fold).
+    """
+
+    mode: ClassVar[str] = "reverse"  # or "forward": through time with few parameters
+    unit: ClassVar[str] = "1"  # as printed
+    factor: ClassVar[float] = 1.0  # from SI to it
+    greatest: ClassVar[bool] = False  # what is better: more of it?
+
+    @property
+    def name(self) -> str:
+        """In words, for messages and figures."""
+        raise NotImplementedError
+
+    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
+        """The number, SI, with laws smooth enough to be differentiated."""
+        raise NotImplementedError
+
+    def sharp(self, vehicle: Vehicle, damper: Damper) -> float:
+        """The number with the laws as they are (sharp saturation, flange and switching), for the final check; SI, NaN where there is none."""
+        return float(self.value(vehicle, damper))
+
+    def suited(self, damper: Damper) -> "Quantity":
+        """The quantity by a method that the damper's law allows. Raises `InputError` where there is none."""
+        return self
+
+    def check(self, vehicle: Vehicle, damper: Damper) -> None:
+        """Raise `InputError` where this vehicle's quantity must not be differentiated."""
+
+    def shown(self, value: float) -> str:
+        """A value in SI as printed."""
+        return f"{value * self.factor:.4g} {self.unit}"
+
+    def __ge__(self, limit: float) -> "Constraint":
+        return Constraint(self, _limit(limit), True)
+
+    def __le__(self, limit: float) -> "Constraint":
+        return Constraint(self, _limit(limit), False)
+
+
+def _limit(limit: Any) -> float:
+    if isinstance(limit, bool) or not isinstance(limit, (int, float, np.number)) or not np.isfinite(limit):
+        raise InputError(f"a constraint's limit must be a finite number (SI), not {limit!r}")
+    return float(limit)
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """A quantity that must stay at or above (`above`), or at or below, a limit in SI."""
+
+    quantity: Quantity
+    limit: float
+    above: bool
+
+    @property
+    def sign(self) -> float:
+        """-1 where more is better."""
+        return -1.0 if self.above else 1.0
+
+    @property
+    def scale(self) -> float:
+        """What counts as one of the violation."""
+        return abs(self.limit) or 1.0
+
+    def violation(self, value: Any) -> Any:
+        """In shares of the limit: above 0 the constraint is not met."""
+        return self.sign * (value - self.limit) / self.scale
+
+    def __str__(self) -> str:
+        return f"{self.quantity.name} {'>=' if self.above else '<='} {self.quantity.shown(self.limit)}"
+
+
+def smoothed_laws(vehicle: Vehicle, damper: Damper) -> Trees:
+    """Both with their sharp laws replaced by the smooth twins."""
+    if vehicle.contact.law == "sharp":
+        vehicle = dataclasses.replace(vehicle, contact=dataclasses.replace(vehicle.contact, law="smooth"))
+    return vehicle, smooth_damper(damper)
+
+
+def smooth_damper(damper: Damper) -> Damper:
+    """The damper with the smooth twin of its law, if it has one."""
+    return dataclasses.replace(damper, law="smooth") if getattr(damper, "law", None) == "sharp" else damper
+
+
+def sharp_laws(vehicle: Vehicle, damper: Damper) -> Trees:
+    """Both with the laws that reports are made with."""
+    if vehicle.contact.law == "smooth":
+        vehicle = dataclasses.replace(vehicle, contact=dataclasses.replace(vehicle.contact, law="sharp"))
+    return vehicle, (dataclasses.replace(damper, law="sharp") if getattr(damper, "law", None) == "smooth" else damper)
+
+
+def differentiated(
+    quantity: Quantity, trees: Trees, tangents: Trees
+) -> tuple[Float[Array, "lanes"], Float[Array, "lanes parameters"]]:
+    """Values of a quantity and their derivatives along `tangents`.
+
+    Leaves of `trees` have lanes on their first axis, those of `tangents` lanes and then parameters. In reverse mode the gradient
+    with respect to everything is formed once and projected; so is what `jax.lax.map` takes lane by lane, as LAPACK's batched calls
+    deadlock when several are at work (`linear`). In forward mode lanes and parameters run together.
+    """
+    if quantity.mode == "forward":
+        return _forward(quantity, trees, tangents)
+    return _reverse(quantity, trees, tangents)
+
+
+@jax.jit
+def _reverse(quantity: Quantity, trees: Trees, tangents: Trees):
+    values, gradients = jax.lax.map(jax.value_and_grad(lambda tree: quantity.value(*tree)), trees)
+    along = jax.tree.map(lambda g, t: jnp.sum(g[:, None] * t, axis=tuple(range(2, t.ndim))), gradients, tangents)
+    return values, sum(jax.tree.leaves(along))
+
+
+@one_kernel
+def _forward(quantity: Quantity, trees: Trees, tangents: Trees):
+    def lane(tree: Trees, several: Trees):
+        def along(tangent: Trees):
+            return jax.jvp(lambda tree: quantity.value(*tree), (tree,), (tangent,))
+
+        values, slopes = jax.vmap(along)(several)
+        return values[0], slopes
+
+    return jax.vmap(lane)(trees, tangents)
+
+
+@jax.jit
+def values_of(quantity: Quantity, trees: Trees) -> Float[Array, "lanes"]:
+    """Values without derivatives, lanes on the first axis."""
+    one = lambda tree: quantity.value(*tree)  # noqa: E731
+    return jax.vmap(one)(trees) if quantity.mode == "forward" else jax.lax.map(one, trees)
+
+
+def kmh(speeds: Any) -> str:
+    """Speeds in m/s as printed."""
+    return " and ".join(f"{speed * KMH:.4g}" for speed in np.ravel(speeds)) + " km/h"

@@ -1,0 +1,382 @@
+"""`tune`: parameters of a vehicle and its damper for the best objective under constraints, by exact derivatives."""
+
+import dataclasses
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from . import minimise
+from .dampers import Damper, check_damper
+from .design_space import OF_DAMPER, DesignSpace
+from .errors import InputError, NumericalError
+from .minimise import Descent
+from .motion import PASSIVE
+from .precision import require_double_precision
+from .quantities import Constraint, Quantity, differentiated, values_of
+from .vehicle import Vehicle, without_labels
+from .vehicle import parameters as parameters_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: by default: relative change of the objective that ends a descent, and most steps of one (of a round of the augmented Lagrangian)
+TOLERANCE, MOST_STEPS = 1e-6, 200
+#: with `tighten`: how often limits are moved by what the sharp laws add to a constraint, and the share added to that
+TIGHTENINGS, MARGIN = 4, 1e-3
+OPTIMISERS = ("slsqp", "lbfgs", "adam")
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A constraint in the answer: its value by the smooth computation and by the sharp laws (SI), and whether each meets it."""
+
+    constraint: Constraint
+    smooth: float
+    sharp: float
+    active: bool
+
+    @property
+    def met(self) -> bool:
+        """By the sharp laws, to a ten thousandth of the limit."""
+        return bool(self.constraint.violation(self.sharp) <= minimise.MET)
+
+    def __str__(self) -> str:
+        shown = self.constraint.quantity.shown
+        verdict = "met" if self.met else "NOT MET"
+        return f"{self.constraint}: {verdict}, {shown(self.sharp)} by the sharp laws ({shown(self.smooth)} smooth){', active' if self.active else ''}"
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Result of `tune`. `vehicle` and `damper` are the tuned ones, with the laws that the given ones had.
+
+    `parameters` and `before` are SI values by name; `objective` and `objective_sharp` the value by the smooth computation and by
+    the sharp laws, `objective_before` that of the given vehicle (NaN where it has none); `descents` one per start, whose
+    `failure` says why it is no candidate; `best` the one taken; `evaluations` of all starts; `at_bounds` the parameters that lie
+    on a bound.
+    """
+
+    vehicle: Vehicle
+    damper: Damper
+    parameters: dict[str, float]
+    before: dict[str, float]
+    units: dict[str, str]
+    quantity: Quantity
+    objective: float
+    objective_sharp: float
+    objective_before: float
+    constraints: tuple[Kept, ...]
+    descents: tuple[Descent, ...]
+    best: int
+    evaluations: int
+    seconds: float
+    optimiser: str
+    at_bounds: tuple[str, ...]
+    notes: tuple[str, ...]
+    space: DesignSpace
+
+    @property
+    def met(self) -> bool:
+        """Whether all constraints are met under the sharp laws."""
+        return all(kept.met for kept in self.constraints)
+
+    @property
+    def x(self) -> Float[np.ndarray, "parameters"]:
+        """The answer in the unit box."""
+        return self.descents[self.best].x
+
+    def __str__(self) -> str:
+        shown = self.quantity.shown
+        failed = [descent.failure for descent in self.descents if descent.failure]
+        lines = [
+            f"Tuning of {self.vehicle.name or 'a vehicle'}: {self.quantity.name}",
+            f"  {shown(self.objective_before)} -> {shown(self.objective)} ({shown(self.objective_sharp)} by the sharp laws)",
+        ]
+        for name, value in self.parameters.items():
+            bound = " (at its bound)" if name in self.at_bounds else ""
+            lines.append(f"  {name}: {self.before[name]:.5g} -> {value:.5g} {self.units[name]}{bound}")
+        lines += [f"  {kept}" for kept in self.constraints]
+        starts = f"{len(self.descents)} start(s)" + (f", {len(failed)} failed: {'; '.join(sorted(set(failed)))}" if failed else "")
+        lines.append(f"  {self.optimiser}, {starts}; {self.evaluations} evaluations with derivatives, {self.seconds:.2f} s")
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    def plot(self, axes: "Axes") -> None:
+        """Objective over evaluations, one line per start; points that violate a constraint are hollow."""
+        from .plots import COLOURS
+
+        factor = self.quantity.factor
+        for k, descent in enumerate(self.descents):
+            scale = self._scale
+            met = np.max(descent.history[:, 1:], axis=1, initial=-np.inf) <= 10.0 * minimise.MET
+            values, numbers = descent.history[:, 0] * scale * factor, np.arange(1, len(descent.history) + 1)
+            colour = COLOURS[k % len(COLOURS)]
+            label = f"start {k + 1}" + (" (failed)" if descent.failure else ", taken" if k == self.best else "")
+            axes.plot(numbers, values, color=colour, linewidth=0.8, label=label if k < len(COLOURS) else None)
+            axes.plot(numbers[met], values[met], "o", color=colour, ms=3)
+            axes.plot(numbers[~met], values[~met], "o", color=colour, ms=3, mfc="none")
+        axes.set(xlabel="evaluations", ylabel=f"{self.quantity.name}, {self.quantity.unit}")
+        axes.legend()
+
+    @property
+    def _scale(self) -> float:
+        """SI per unit of the histories' objective."""
+        return self.objective / self.descents[self.best].values[0] if self.descents[self.best].values[0] else 1.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers, for JSON."""
+        return {
+            "parameters": self.parameters,
+            "before": self.before,
+            "units": self.units,
+            "objective": {
+                "name": self.quantity.name,
+                "value": self.objective,
+                "sharp": self.objective_sharp,
+                "before": self.objective_before,
+            },
+            "constraints": [
+                {
+                    "constraint": str(kept.constraint),
+                    "limit": kept.constraint.limit,
+                    "value": kept.smooth,
+                    "sharp": kept.sharp,
+                    "met": kept.met,
+                    "active": kept.active,
+                }
+                for kept in self.constraints
+            ],
+            "evaluations": self.evaluations,
+            "seconds": self.seconds,
+            "optimiser": self.optimiser,
+            "starts": [descent.failure or "ok" for descent in self.descents],
+            "at_bounds": list(self.at_bounds),
+            "notes": list(self.notes),
+        }
+
+
+class Evaluator:
+    """Objective and constraints at points of the unit box, in the units of the optimisers: the objective about 1 at its start
+    and falling for the better, constraints as shares of their limits."""
+
+    def __init__(self, space: DesignSpace, objective: Quantity, constraints: Sequence[Constraint]) -> None:
+        self.space, self.objective = space, objective
+        self.constraints = list(constraints)
+        self.scale = 1.0
+
+    def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        trees, tangents = self.space.stacked(jnp.asarray(x))
+        quantities = [self.objective, *(entry.quantity for entry in self.constraints)]
+        found = [differentiated(quantity, trees, tangents) for quantity in quantities]
+        values, slopes = (np.stack([np.asarray(pair[k]) for pair in found], axis=1) for k in (0, 1))
+        sign = -1.0 if self.objective.greatest else 1.0
+        values[:, 0], slopes[:, 0] = sign * values[:, 0] / self.scale, sign * slopes[:, 0] / self.scale
+        for k, entry in enumerate(self.constraints, 1):
+            values[:, k], slopes[:, k] = entry.violation(values[:, k]), entry.sign * slopes[:, k] / entry.scale
+        return values, slopes
+
+    def objective_of(self, values: np.ndarray) -> float:
+        """The objective in SI."""
+        return float((-1.0 if self.objective.greatest else 1.0) * values[0] * self.scale)
+
+    def constraint_of(self, values: np.ndarray, k: int) -> float:
+        """The quantity of constraint k in SI."""
+        entry = self.constraints[k]
+        return float(entry.limit + entry.sign * entry.scale * values[k + 1])
+
+
+def tune(
+    vehicle: Vehicle,
+    parameters: Mapping[Any, tuple],
+    objective: Quantity,
+    constraints: Sequence[Constraint] = (),
+    *,
+    damper: Damper = PASSIVE,
+    starts: int = 1,
+    seed: int = 0,
+    optimiser: Any = None,
+    tolerance: float = TOLERANCE,
+    most_steps: int = MOST_STEPS,
+    tighten: bool = True,
+) -> Tuning:
+    """The values of some parameters that make an objective best under constraints.
+
+    >>> from railjax import objectives as aim
+    >>> railjax.tune(
+    ...     coach,
+    ...     {"primary.stiffness_x": (1e6, 20e6), "secondary.damping_y": (5e3, 80e3)},
+    ...     aim.comfort(220 / 3.6),
+    ...     [aim.linear_critical_speed() >= 260 / 3.6, aim.travel(220 / 3.6) <= 0.06],
+    ... )  # doctest: +SKIP
+
+    `parameters`: bounds in SI by dotted name ("damper.alpha" for the damper's own), see `DesignSpace.of`. `objective` and the
+    quantities of `constraints` come from `railjax.objectives`; critical speeds and damping are made greatest, all else least.
+    The first of the `starts` is the vehicle itself, the others are drawn by a Sobol sequence of `seed`.
+
+    `optimiser`: "slsqp" (SciPy's; the default for one start), "lbfgs" (optax's in an augmented Lagrangian; the default for
+    several, all as one batch), "adam", or any optax transformation. Derivatives are exact and of the mode that suits each quantity.
+    A start that cannot be computed is marked in `descents` and does not disturb the others.
+
+    The answer is checked with the sharp laws. With `tighten`, where these do not meet a constraint the smooth computation's limit
+    is moved by the difference and the search goes on from there, up to 4 times.
+
+    Raises `InputError` for bad names, bounds and constraints, and where a run would be differentiated that hunts; `NumericalError` where
+    no start leads anywhere. Needs double precision.
+    """
+    require_double_precision("tune")
+    began = time.perf_counter()
+    check_damper(damper)
+    objective, constraints = _checked(objective, constraints, damper)
+    space = DesignSpace.of(vehicle, damper, parameters)
+    name, run = _engine(optimiser, starts, tolerance, most_steps)
+    points = start_points(space, starts, seed)
+    for quantity in (objective, *(entry.quantity for entry in constraints)):
+        quantity.check(*space.apply(jnp.asarray(points[0])))
+    evaluate = Evaluator(space, objective, constraints)
+    first = float(differentiated(objective, *space.stacked(jnp.asarray(points[:1])))[0][0])
+    evaluate.scale = abs(first) if np.isfinite(first) and first != 0.0 else 1.0
+    descents = run(evaluate, points)
+    best = _best(descents)
+    if best is None:
+        raise NumericalError(f"tune: no start could be computed; {_why(evaluate, points[0])}")
+    count = sum(descent.evaluations for descent in descents)
+    tuned, kept, sharp = _judged(evaluate, vehicle, damper, descents[best], constraints)
+    for _ in range(TIGHTENINGS if tighten else 0):
+        if all(entry.met for entry in kept) or descents[best].failure:
+            break
+        evaluate.constraints = [_tightened(used, entry) for used, entry in zip(evaluate.constraints, kept, strict=True)]
+        again = minimise.slsqp(evaluate, descents[best].x, tolerance, most_steps)
+        count += again.evaluations
+        if again.failure:
+            break
+        descents[best] = again
+        tuned, kept, sharp = _judged(evaluate, vehicle, damper, again, constraints)
+    x = descents[best].x
+    values, own = np.asarray(space.values(jnp.asarray(x))).tolist(), space.own.tolist()
+    before = _value_of(objective, vehicle, damper)
+    return Tuning(
+        *tuned,
+        parameters=dict(zip(space.names, values, strict=True)),
+        before=dict(zip(space.names, own, strict=True)),
+        units=_units(vehicle, space),
+        quantity=objective,
+        objective=evaluate.objective_of(descents[best].values),
+        objective_sharp=sharp,
+        objective_before=before,
+        constraints=tuple(kept),
+        descents=tuple(descents),
+        best=best,
+        evaluations=count,
+        seconds=time.perf_counter() - began,
+        optimiser=name,
+        at_bounds=tuple(name for name, at in zip(space.names, x, strict=True) if min(at, 1.0 - at) < 1e-3),
+        notes=notes_of(vehicle, space),
+        space=space,
+    )
+
+
+def _checked(objective: Any, constraints: Any, damper: Damper) -> tuple[Quantity, list[Constraint]]:
+    if not isinstance(objective, Quantity):
+        raise InputError(f"objective must be one of railjax.objectives, like objectives.comfort(60.0), not {objective!r}")
+    entries = [constraints] if isinstance(constraints, Constraint) else list(constraints)
+    for entry in entries:
+        if not isinstance(entry, Constraint):
+            raise InputError(f"constraints: write them as quantity >= limit or quantity <= limit, not {entry!r}")
+    suited = [dataclasses.replace(entry, quantity=entry.quantity.suited(damper)) for entry in entries]
+    return objective.suited(damper), suited
+
+
+def start_points(space: DesignSpace, starts: int, seed: int) -> Float[np.ndarray, "starts parameters"]:
+    """The vehicle's own values, and points of a scrambled Sobol sequence."""
+    if not isinstance(starts, int) or starts < 1:
+        raise InputError(f"starts must be a positive whole number, not {starts!r}")
+    own = space.position(space.own)[None]
+    if starts == 1:
+        return own
+    from scipy.stats import qmc
+
+    power = int(np.ceil(np.log2(starts)))
+    drawn = qmc.Sobol(own.shape[1], rng=np.random.default_rng(seed)).random_base2(power)[: starts - 1]
+    return np.concatenate([own, drawn])
+
+
+def _engine(optimiser: Any, starts: int, tolerance: float, most: int) -> tuple[str, Any]:
+    """The optimiser's name, and a function of the evaluator and the starts."""
+    if optimiser is None:
+        optimiser = "slsqp" if starts == 1 else "lbfgs"
+    if optimiser == "slsqp":
+        return "SLSQP", lambda evaluate, points: [minimise.slsqp(evaluate, point, tolerance, most) for point in points]
+    import optax
+
+    if optimiser == "lbfgs":
+        name, rule, search = "L-BFGS, augmented Lagrangian", optax.chain(optax.scale_by_lbfgs(), optax.scale(-1.0)), True
+    elif optimiser == "adam":
+        name, rule, search = "Adam, augmented Lagrangian", optax.adam(0.02), False
+    elif isinstance(optimiser, str):
+        raise InputError(f"optimiser must be one of {', '.join(OPTIMISERS)} or an optax transformation, not {optimiser!r}")
+    elif not (hasattr(optimiser, "init") and hasattr(optimiser, "update")):
+        raise InputError(f"optimiser {optimiser!r} is no optax transformation: it has no init and update")
+    else:
+        name, rule, search = "optax, augmented Lagrangian", optimiser, False
+    return name, lambda evaluate, points: minimise.augmented_lagrangian(evaluate, points, rule, search, tolerance, most)
+
+
+def _best(descents: list[Descent]) -> int | None:
+    """The best start; of those that do not meet the constraints the one that violates them least; None if none was computed."""
+    best = None
+    for k, descent in enumerate(descents):
+        if np.all(np.isfinite(descent.values)) and (best is None or minimise.better(descent.values, descents[best].values)):
+            best = k
+    return best
+
+
+def _why(evaluate: Evaluator, x: np.ndarray) -> str:
+    values = evaluate(x[None])[0][0]
+    names = [evaluate.objective.name, *(entry.quantity.name for entry in evaluate.constraints)]
+    bad = [name for name, value in zip(names, values, strict=True) if not np.isfinite(value)]
+    return f"at the first there is no {', no '.join(bad) or 'derivative'} (unstable there?): start elsewhere or change the bounds"
+
+
+def _judged(
+    evaluate: Evaluator, vehicle: Vehicle, damper: Damper, descent: Descent, wanted: list[Constraint]
+) -> tuple[tuple[Vehicle, Damper], list[Kept], float]:
+    """The tuned vehicle and damper, the constraints as they were wanted, and the objective by the sharp laws."""
+    tuned = evaluate.space.designed(vehicle, damper, descent.x, f"tuned for {evaluate.objective.name}")
+    kept = [
+        Kept(entry, evaluate.constraint_of(descent.values, k), entry.quantity.sharp(*tuned), bool(descent.values[k + 1] > -1e-3))
+        for k, entry in enumerate(wanted)
+    ]
+    return tuned, kept, evaluate.objective.sharp(*tuned)
+
+
+def _tightened(used: Constraint, kept: Kept) -> Constraint:
+    """The limit moved by as much as the sharp laws are worse than the smooth computation."""
+    if kept.met:
+        return used
+    gap = kept.constraint.sign * (kept.sharp - kept.smooth) + MARGIN * kept.constraint.scale
+    return dataclasses.replace(used, limit=kept.constraint.limit - kept.constraint.sign * gap)
+
+
+def _value_of(quantity: Quantity, vehicle: Vehicle, damper: Damper) -> float:
+    trees = jax.tree.map(lambda leaf: jnp.asarray(leaf, float)[None], (vehicle, damper))
+    return float(values_of(quantity, (without_labels(trees[0]), trees[1]))[0])
+
+
+def _units(vehicle: Vehicle, space: DesignSpace) -> dict[str, str]:
+    known = {path: entry.metadata["unit"] for path, entry in parameters_of(vehicle)}
+    return {name: known.get(paths[0], "") for name, paths in zip(space.names, space.paths, strict=True)}
+
+
+def notes_of(vehicle: Vehicle, space: DesignSpace) -> tuple[str, ...]:
+    """What of the vehicle's values was fitted or assumed, and whether it is that which was tuned."""
+    tuned = {path for paths in space.paths for path in paths if not path.startswith(OF_DAMPER)}
+    doubtful = [entry for entry in vehicle.provenance if entry.status in ("calibrated", "assumed")]
+    changed = [f"{entry.parameter} ({entry.status})" for entry in doubtful if entry.parameter in tuned]
+    rest = [f"{entry.parameter} ({entry.status})" for entry in doubtful if entry.parameter not in tuned]
+    notes = [f"tuned away from values that were not published: {', '.join(changed)}"] if changed else []
+    return (*notes, *([f"rests on {', '.join(rest)}"] if rest else []))
