@@ -126,7 +126,9 @@ def _get(vehicle: Vehicle, damper: Damper, path: str) -> Any:
     if not path.startswith(OF_DAMPER):
         return get_parameter(vehicle, path)
     name = path.removeprefix(OF_DAMPER)
-    fields = [f.name for f in dataclasses.fields(damper) if not f.metadata.get("static")] if dataclasses.is_dataclass(damper) else []
+    fields = (
+        [f.name for f in dataclasses.fields(damper) if not f.metadata.get("static")] if dataclasses.is_dataclass(damper) else []
+    )
     if name not in fields:
         hint = nearest(name, fields, "damper") if fields else ""
         raise InputError(f"parameters: {type(damper).__name__} has no {name!r}{hint}")

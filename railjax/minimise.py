@@ -105,7 +105,7 @@ def augmented_lagrangian(
     of at most `ROUNDS` rounds m = max(0, m + r g). `optimiser` is an optax transformation; with `line_search` its steps are
     halved until L falls. A lane whose step cannot be computed halves it, one whose start cannot is left out.
     """
-    count, size = starts.shape
+    count = len(starts)
     z = np.arccos(1.0 - 2.0 * np.clip(starts, 0.01, 0.99)) / np.pi
     begin, update = jax.jit(jax.vmap(optimiser.init)), jax.jit(jax.vmap(optimiser.update))
     histories: list[list[np.ndarray]] = [[] for _ in range(count)]
@@ -126,14 +126,8 @@ def augmented_lagrangian(
     multiplier, penalty = np.zeros((count, values.shape[1] - 1)), np.full((count, 1), PENALTY)
     rounds = ROUNDS if values.shape[1] > 1 else 1
     for _ in range(rounds):
-
-        def lagrangian(values: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            push = np.maximum(0.0, multiplier + penalty * values[:, 1:])
-            total = values[:, 0] + np.sum((push**2 - multiplier**2) / (2.0 * penalty), axis=1)
-            return total, slopes[:, 0] + np.einsum("lc,lcp->lp", push, slopes[:, 1:])
-
         state, going = begin(jnp.asarray(z)), alive.copy()
-        total, gradient = lagrangian(values, slopes)
+        total, gradient = _lagrangian(values, slopes, multiplier, penalty)
         length, fresh, quiet = np.ones(count), np.ones(count, bool), np.zeros(count, int)
         moves = np.zeros_like(z)
         for _ in range(most):
@@ -156,7 +150,7 @@ def augmented_lagrangian(
                     length = np.where(fresh, 1.0, length)
             trial = np.where(going[:, None], z + length[:, None] * moves, z)
             new_values, new_slopes = at(trial, going)
-            new_total, new_gradient = lagrangian(new_values, new_slopes)
+            new_total, new_gradient = _lagrangian(new_values, new_slopes, multiplier, penalty)
             fine = np.isfinite(new_total) & np.all(np.isfinite(new_gradient), axis=1)
             if line_search:
                 fine &= new_total <= total + DECREASE * length * np.sum(moves * gradient, axis=1)
@@ -185,3 +179,12 @@ def augmented_lagrangian(
         else:
             found.append(_ended(*best[lane], history))
     return found
+
+
+def _lagrangian(
+    values: np.ndarray, slopes: np.ndarray, multiplier: np.ndarray, penalty: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """L and its gradient, lanes first."""
+    push = np.maximum(0.0, multiplier + penalty * values[:, 1:])
+    total = values[:, 0] + np.sum((push**2 - multiplier**2) / (2.0 * penalty), axis=1)
+    return total, slopes[:, 0] + np.einsum("lc,lcp->lp", push, slopes[:, 1:])

@@ -25,7 +25,7 @@ from .dampers import Damper
 from .errors import InputError
 from .motion import state_matrix
 from .quantities import Quantity, kmh, smooth_damper
-from .responses import Response, Run, response_over
+from .responses import response_over
 from .simulate import check_speed
 from .typing import Number, Scalar
 from .units import KMH

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from .dampers import Damper
 from .errors import InputError
-from .kernels import jit as one_kernel
+from .lanes import own_axes
 from .units import KMH
 from .vehicle import Vehicle
 
@@ -42,6 +42,19 @@ class Quantity:
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
         """The number, SI, with laws smooth enough to be differentiated."""
         raise NotImplementedError
+
+    def each(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "lanes"]:
+        """`value` of every lane of a batch, whose leaves have lanes on their last axis; one after another, as LAPACK's batched
+        calls deadlock when several are at work (`linear`)."""
+        trees = vehicle, damper
+        leaves, structure = jax.tree.flatten(trees)
+        batched = [jnp.ndim(leaf) > own for leaf, own in zip(leaves, jax.tree.leaves(own_axes_of(trees)), strict=True)]
+
+        def one(own: list) -> Float[Array, ""]:
+            lane = iter(own)
+            return self.value(*structure.unflatten([next(lane) if b else leaf for leaf, b in zip(leaves, batched, strict=True)]))
+
+        return jax.lax.map(one, [jnp.moveaxis(leaf, -1, 0) for leaf, b in zip(leaves, batched, strict=True) if b])
 
     def sharp(self, vehicle: Vehicle, damper: Damper) -> float:
         """The number with the laws as they are (sharp saturation, flange and switching), for the final check; SI, NaN where there is none."""
@@ -97,6 +110,11 @@ class Constraint:
         return f"{self.quantity.name} {'>=' if self.above else '<='} {self.quantity.shown(self.limit)}"
 
 
+def own_axes_of(trees: Trees) -> Any:
+    """For each leaf of vehicle and damper, how many axes it has before lanes."""
+    return own_axes(trees[0]), own_axes(trees[1])
+
+
 def smoothed_laws(vehicle: Vehicle, damper: Damper) -> Trees:
     """Both with their sharp laws replaced by the smooth twins."""
     if vehicle.contact.law == "sharp":
@@ -114,46 +132,6 @@ def sharp_laws(vehicle: Vehicle, damper: Damper) -> Trees:
     if vehicle.contact.law == "smooth":
         vehicle = dataclasses.replace(vehicle, contact=dataclasses.replace(vehicle.contact, law="sharp"))
     return vehicle, (dataclasses.replace(damper, law="sharp") if getattr(damper, "law", None) == "smooth" else damper)
-
-
-def differentiated(
-    quantity: Quantity, trees: Trees, tangents: Trees
-) -> tuple[Float[Array, "lanes"], Float[Array, "lanes parameters"]]:
-    """Values of a quantity and their derivatives along `tangents`.
-
-    Leaves of `trees` have lanes on their first axis, those of `tangents` lanes and then parameters. In reverse mode the gradient
-    with respect to everything is formed once and projected; so is what `jax.lax.map` takes lane by lane, as LAPACK's batched calls
-    deadlock when several are at work (`linear`). In forward mode lanes and parameters run together.
-    """
-    if quantity.mode == "forward":
-        return _forward(quantity, trees, tangents)
-    return _reverse(quantity, trees, tangents)
-
-
-@jax.jit
-def _reverse(quantity: Quantity, trees: Trees, tangents: Trees):
-    values, gradients = jax.lax.map(jax.value_and_grad(lambda tree: quantity.value(*tree)), trees)
-    along = jax.tree.map(lambda g, t: jnp.sum(g[:, None] * t, axis=tuple(range(2, t.ndim))), gradients, tangents)
-    return values, sum(jax.tree.leaves(along))
-
-
-@one_kernel
-def _forward(quantity: Quantity, trees: Trees, tangents: Trees):
-    def lane(tree: Trees, several: Trees):
-        def along(tangent: Trees):
-            return jax.jvp(lambda tree: quantity.value(*tree), (tree,), (tangent,))
-
-        values, slopes = jax.vmap(along)(several)
-        return values[0], slopes
-
-    return jax.vmap(lane)(trees, tangents)
-
-
-@jax.jit
-def values_of(quantity: Quantity, trees: Trees) -> Float[Array, "lanes"]:
-    """Values without derivatives, lanes on the first axis."""
-    one = lambda tree: quantity.value(*tree)  # noqa: E731
-    return jax.vmap(one)(trees) if quantity.mode == "forward" else jax.lax.map(one, trees)
 
 
 def kmh(speeds: Any) -> str:

@@ -13,8 +13,9 @@ from .channels import CHANNELS
 from .dampers import Damper
 from .errors import InputError
 from .frequency import POINTS, frequency_response, waves_of
-from .integrate import largest_step
-from .quantities import Quantity, kmh, sharp_laws, smooth_damper, smoothed_laws
+from .integrate import DIVERGED, largest_step
+from .lanes import count_lanes
+from .quantities import Quantity, kmh, own_axes_of, sharp_laws, smooth_damper, smoothed_laws
 from .random_track import RandomTrack
 from .sampled_track import SampledTrack
 from .simulate import Simulation, simulate
@@ -30,10 +31,19 @@ PERIOD, SETTLING, RATE = 4e3, 10.0, 200.0
 #: s of free running after a run by which it is told whether the vehicle hunts; share of the motion that may be left, and the
 #: displacement (m) below which it is at rest
 COASTING, LEFT, REST = 6.0, 0.9, 2e-4
+#: 1/s; displacements of less than 1 m at the rates of a vehicle move slower than this, m/s
+FASTEST = 100.0
 
 
 def response_over(
-    label: str, speeds: np.ndarray, track: Any, channel: str, weighting: str | None, factor: float, method: str, run: dict[str, Any]
+    label: str,
+    speeds: np.ndarray,
+    track: Any,
+    channel: str,
+    weighting: str | None,
+    factor: float,
+    method: str,
+    run: dict[str, Any],
 ) -> Quantity:
     """A `Response` on random tracks or a `Run` on any."""
     tracks = tuple(track) if isinstance(track, (list, tuple)) else (track,)
@@ -136,9 +146,7 @@ def _period_rms(of: Response, vehicle: Vehicle, damper: Damper, speed: float, tr
     dt = step(vehicle, speed, damper)
     sample = 1.0 / RATE
     duration = round((SETTLING + float(track.length) / speed) * RATE) / RATE
-    run = simulate(
-        vehicle, speed, track=track, damper=damper, duration=duration, dt=dt, sample=sample, record=(of.channel,)
-    )
+    run = simulate(vehicle, speed, track=track, damper=damper, duration=duration, dt=dt, sample=sample, record=(of.channel,))
     record = jnp.asarray(run[of.channel])
     if not bool(run.ok):
         return np.nan
@@ -169,24 +177,47 @@ class Run(Forced):
 
     mode: ClassVar[str] = "forward"
 
-    def _runs(self, vehicle: Vehicle, damper: Damper, **options: Any) -> list[Simulation]:
+    def _runs(self, vehicle: Vehicle, damper: Damper, speeds: Any, **options: Any) -> list[Simulation]:
         return [
             simulate(
-                vehicle, self.speeds, track=track, damper=damper, duration=self.duration, settle=self.settle, dt=self.dt, **options
+                vehicle, speeds, track=track, damper=damper, duration=self.duration, settle=self.settle, dt=self.dt, **options
             )
             for track in self.tracks
         ]
 
-    def _value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
+    @property
+    def _speed(self) -> Float[Array, "..."]:
+        """Lanes where there are several; a run alone is quicker without."""
+        speeds = jnp.asarray(self.speeds)
+        return speeds if speeds.shape[0] > 1 else speeds[0]
+
+    def _values(self, vehicle: Vehicle, damper: Damper, speeds: Any) -> Float[Array, "tracks *lanes"]:
+        """Of each track; of places the worst."""
+        lanes = 1 if count_lanes((vehicle, damper, speeds), (*own_axes_of((vehicle, damper)), 0)) else 0
         if self.weighting:
-            runs = self._runs(vehicle, damper, record=(self.channel,), sample=1.0 / RATE)
+            runs = self._runs(vehicle, damper, speeds, record=(self.channel,), sample=1.0 / RATE)
             found = [weighted_rms(run[self.channel], RATE, self.weighting, settle=self.settle) for run in runs]
         else:
             how = f"{'rms' if self.label == 'comfort' else 'peak'}:{self.channel}"
-            runs = self._runs(vehicle, damper, record=(), sample=self.dt * max(1, round(0.1 / self.dt)), reduce=(how,))
+            runs = self._runs(vehicle, damper, speeds, record=(), sample=self.dt * max(1, round(0.1 / self.dt)), reduce=(how,))
             found = [run[how] for run in runs]
-        cases = [jnp.where(run.ok, jnp.max(values.reshape(-1, values.shape[-1]), axis=0), jnp.nan) for run, values in zip(runs, found, strict=True)]
-        return self._together(jnp.concatenate(cases))
+        worst = [jnp.max(values, axis=0) if values.ndim > lanes else values for values in found]
+        # not run.ok, whose look at dt XLA does not put into one kernel with the run; `check` looks
+        within = [jnp.max(jnp.abs(run.final), axis=0) < DIVERGED * FASTEST for run in runs]
+        return jnp.stack([jnp.where(fine, values, jnp.nan) for fine, values in zip(within, worst, strict=True)])
+
+    def _value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
+        return self._together(self._values(vehicle, damper, self._speed).reshape(-1))
+
+    def each(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "lanes"]:
+        """All lanes and speeds in one batch."""
+        trees, axes = smoothed_laws(vehicle, damper), own_axes_of((vehicle, damper))
+        count, speeds = count_lanes(trees, axes), jnp.asarray(self.speeds)
+        repeated = jax.tree.map(
+            lambda leaf, own: jnp.repeat(leaf, len(speeds), -1) if jnp.ndim(leaf) > own else leaf, trees, axes
+        )
+        found = self._values(*repeated, jnp.tile(speeds, count)).reshape(len(self.tracks), count, len(speeds))
+        return jax.vmap(lambda values: self._together(values.reshape(-1)), in_axes=1)(found)
 
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
         return self._value(*smoothed_laws(vehicle, damper))
@@ -198,9 +229,9 @@ class Run(Forced):
     def check(self, vehicle: Vehicle, damper: Damper) -> None:
         """Let the vehicle run on, on even track: what does not die out is hunting."""
         vehicle, damper = smoothed_laws(vehicle, damper)
-        for run in self._runs(vehicle, damper, record=(), sample=self.dt):
+        for run in self._runs(vehicle, damper, self._speed, record=(), sample=self.dt):
             free = simulate(
-                vehicle, self.speeds, track=TangentTrack(), damper=damper, duration=COASTING, dt=self.dt, initial=run.final,
+                vehicle, self._speed, track=TangentTrack(), damper=damper, duration=COASTING, dt=self.dt, initial=run.final,
                 record=("wheelset_y",), sample=10 * self.dt,
             )  # fmt: skip
             y = np.asarray(free["wheelset_y"])
@@ -208,7 +239,7 @@ class Run(Forced):
             first, last = (np.sqrt(np.mean(part**2, axis=0)).max(axis=0) for part in (y[:second], y[-second:]))
             hunts = ~np.asarray(run.ok) | ((last > LEFT * first) & (last > REST)) | ~np.isfinite(last)
             if np.any(hunts):
-                at = kmh(np.asarray(self.speeds)[hunts])
+                at = kmh(np.asarray(self.speeds)[np.atleast_1d(hunts)])
                 raise InputError(
                     f"{self.label} through time at {at}: the vehicle hunts there (left alone, its motion does not die out), and a hunting run "
                     "is never differentiated through time; tune limit_cycle_amplitude(speed) or nonlinear_critical_speed(), or go slower"

@@ -6,20 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from . import minimise
 from .dampers import Damper, check_damper
+from .derivatives import differentiated
 from .design_space import OF_DAMPER, DesignSpace
 from .errors import InputError, NumericalError
 from .minimise import Descent
 from .motion import PASSIVE
 from .precision import require_double_precision
-from .quantities import Constraint, Quantity, differentiated, values_of
-from .vehicle import Vehicle, without_labels
+from .quantities import Constraint, Quantity
+from .vehicle import Vehicle
 from .vehicle import parameters as parameters_of
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Tuning:
     """Result of `tune`. `vehicle` and `damper` are the tuned ones, with the laws that the given ones had.
 
     `parameters` and `before` are SI values by name; `objective` and `objective_sharp` the value by the smooth computation and by
-    the sharp laws, `objective_before` that of the given vehicle (NaN where it has none); `descents` one per start, whose
+    the sharp laws, `objective_before` that of the given vehicle, moved to the bounds where it lies outside (NaN where it has none); `descents` one per start, whose
     `failure` says why it is no candidate; `best` the one taken; `evaluations` of all starts; `at_bounds` the parameters that lie
     on a bound.
     """
@@ -102,7 +102,9 @@ class Tuning:
             bound = " (at its bound)" if name in self.at_bounds else ""
             lines.append(f"  {name}: {self.before[name]:.5g} -> {value:.5g} {self.units[name]}{bound}")
         lines += [f"  {kept}" for kept in self.constraints]
-        starts = f"{len(self.descents)} start(s)" + (f", {len(failed)} failed: {'; '.join(sorted(set(failed)))}" if failed else "")
+        starts = f"{len(self.descents)} start(s)" + (
+            f", {len(failed)} failed: {'; '.join(sorted(set(failed)))}" if failed else ""
+        )
         lines.append(f"  {self.optimiser}, {starts}; {self.evaluations} evaluations with derivatives, {self.seconds:.2f} s")
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
@@ -170,10 +172,9 @@ class Evaluator:
         self.scale = 1.0
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        trees, tangents = self.space.stacked(jnp.asarray(x))
         quantities = [self.objective, *(entry.quantity for entry in self.constraints)]
-        found = [differentiated(quantity, trees, tangents) for quantity in quantities]
-        values, slopes = (np.stack([np.asarray(pair[k]) for pair in found], axis=1) for k in (0, 1))
+        found = [differentiated(quantity, self.space, x) for quantity in quantities]
+        values, slopes = (np.stack([pair[k] for pair in found], axis=1) for k in (0, 1))
         sign = -1.0 if self.objective.greatest else 1.0
         values[:, 0], slopes[:, 0] = sign * values[:, 0] / self.scale, sign * slopes[:, 0] / self.scale
         for k, entry in enumerate(self.constraints, 1):
@@ -235,10 +236,11 @@ def tune(
     space = DesignSpace.of(vehicle, damper, parameters)
     name, run = _engine(optimiser, starts, tolerance, most_steps)
     points = start_points(space, starts, seed)
-    for quantity in (objective, *(entry.quantity for entry in constraints)):
+    quantities = [objective, *(entry.quantity for entry in constraints)]
+    for quantity in quantities:
         quantity.check(*space.apply(jnp.asarray(points[0])))
     evaluate = Evaluator(space, objective, constraints)
-    first = float(differentiated(objective, *space.stacked(jnp.asarray(points[:1])))[0][0])
+    first = float(differentiated(objective, space, points[:1])[0][0])
     evaluate.scale = abs(first) if np.isfinite(first) and first != 0.0 else 1.0
     descents = run(evaluate, points)
     best = _best(descents)
@@ -257,8 +259,9 @@ def tune(
         descents[best] = again
         tuned, kept, sharp = _judged(evaluate, vehicle, damper, again, constraints)
     x = descents[best].x
+    for quantity in quantities:
+        quantity.check(*space.apply(jnp.asarray(x)))
     values, own = np.asarray(space.values(jnp.asarray(x))).tolist(), space.own.tolist()
-    before = _value_of(objective, vehicle, damper)
     return Tuning(
         *tuned,
         parameters=dict(zip(space.names, values, strict=True)),
@@ -267,7 +270,7 @@ def tune(
         quantity=objective,
         objective=evaluate.objective_of(descents[best].values),
         objective_sharp=sharp,
-        objective_before=before,
+        objective_before=first,
         constraints=tuple(kept),
         descents=tuple(descents),
         best=best,
@@ -360,11 +363,6 @@ def _tightened(used: Constraint, kept: Kept) -> Constraint:
         return used
     gap = kept.constraint.sign * (kept.sharp - kept.smooth) + MARGIN * kept.constraint.scale
     return dataclasses.replace(used, limit=kept.constraint.limit - kept.constraint.sign * gap)
-
-
-def _value_of(quantity: Quantity, vehicle: Vehicle, damper: Damper) -> float:
-    trees = jax.tree.map(lambda leaf: jnp.asarray(leaf, float)[None], (vehicle, damper))
-    return float(values_of(quantity, (without_labels(trees[0]), trees[1]))[0])
 
 
 def _units(vehicle: Vehicle, space: DesignSpace) -> dict[str, str]:
