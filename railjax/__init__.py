@@ -31,11 +31,14 @@ from .modes import Modes, RootLocus, modes, root_locus
 from .motion import matrices, state_matrix, track_matrix
 from .mr_dampers import BoucWenDamper, HybridDamper
 from .normal_form import first_lyapunov_coefficient
+from .pareto import Front, pareto
 from .precision import use_double_precision
 from .ramp import Ramp, speed_ramp
 from .random_track import RandomTrack
 from .record import Record, read_record
+from .robust import Scatter, expected, worst
 from .sampled_track import spectrum_of
+from .schedule import GainSchedule, schedule_gain
 from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from .simulate import Result, Simulation, simulate
 from .spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
@@ -67,6 +70,8 @@ __all__ = [
     "FormulaSpectrum",
     "FraSpectrum",
     "FrequencyResponse",
+    "Front",
+    "GainSchedule",
     "Hunting",
     "HybridDamper",
     "Identification",
@@ -86,6 +91,7 @@ __all__ = [
     "Result",
     "RootLocus",
     "RunningRecord",
+    "Scatter",
     "Simulation",
     "SinusoidTrack",
     "Skyhook",
@@ -106,6 +112,7 @@ __all__ = [
     "comfort",
     "contact_ellipse",
     "creep_coefficients",
+    "expected",
     "first_lyapunov_coefficient",
     "floor_acceleration",
     "frequency_response",
@@ -124,9 +131,11 @@ __all__ = [
     "objectives",
     "packaged_vehicles",
     "parameters",
+    "pareto",
     "read_record",
     "replace",
     "root_locus",
+    "schedule_gain",
     "set_parameter",
     "simulate",
     "spectrum",
@@ -143,4 +152,5 @@ __all__ = [
     "weighted_rms",
     "weighting",
     "weighting_filter",
+    "worst",
 ]

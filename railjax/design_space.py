@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from .dampers import Damper
 from .errors import InputError
 from .quantities import Trees
+from .typing import Number
 from .vehicle import Provenance, Vehicle, get_parameter, parameters, set_parameter, structure, without_labels
 from .vehicle_values import nearest
 
@@ -33,8 +34,8 @@ class DesignSpace:
 
     vehicle: Vehicle
     damper: Damper
-    low: Float[Array, "parameters"]
-    high: Float[Array, "parameters"]
+    low: Number
+    high: Number
     paths: tuple[tuple[str, ...], ...] = structure(())
     logarithmic: tuple[bool, ...] = structure(())
 

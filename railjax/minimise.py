@@ -70,8 +70,10 @@ def slsqp(evaluate: Evaluate, start: np.ndarray, tolerance: float, most: int) ->
 
     at = _Counted(evaluate)
     first = at(start)[0]
+    if at.best is None and len(first) > 1 and np.all(np.isfinite(first[1:])):
+        start = _towards_constraints(at, start, most)
     if at.best is None:
-        return Descent(start, first, 1, np.array(at.history), "the start could not be computed")
+        return Descent(start, first, len(at.history), np.array(at.history), "the start could not be computed")
     constraints = [] if len(first) == 1 else [{"type": "ineq", "fun": lambda x: -at(x)[0][1:], "jac": lambda x: -at(x)[1][1:]}]
     minimize(
         lambda x: at(x)[0][0],
@@ -83,6 +85,32 @@ def slsqp(evaluate: Evaluate, start: np.ndarray, tolerance: float, most: int) ->
         options={"ftol": tolerance, "maxiter": most},
     )
     return _ended(*at.best, np.array(at.history))
+
+
+def _towards_constraints(at: _Counted, start: np.ndarray, most: int) -> np.ndarray:
+    """From where the objective has no value (a vehicle that hunts) along the constraints that have, until it has one."""
+    from scipy.optimize import minimize
+
+    def violation(x: np.ndarray) -> tuple[float, np.ndarray]:
+        values, slopes = at(x)
+        excess = np.maximum(0.0, values[1:] + 10.0 * MET)
+        slope = 2.0 * excess @ slopes[1:]
+        return float(excess @ excess), np.where(np.isfinite(slope), slope, 0.0)
+
+    def computed(_: np.ndarray) -> None:
+        if at.best is not None:
+            raise StopIteration
+
+    minimize(
+        violation,
+        start,
+        jac=True,
+        bounds=[(0.0, 1.0)] * len(start),
+        method="L-BFGS-B",
+        callback=computed,
+        options={"maxiter": most},
+    )
+    return start if at.best is None else at.best[0]
 
 
 def _ended(x: np.ndarray, values: np.ndarray, history: np.ndarray) -> Descent:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .channels import CHANNELS
 from .dampers import Damper
@@ -230,17 +230,29 @@ class Run(Forced):
         """Let the vehicle run on, on even track: what does not die out is hunting."""
         vehicle, damper = smoothed_laws(vehicle, damper)
         for run in self._runs(vehicle, damper, self._speed, record=(), sample=self.dt):
-            free = simulate(
-                vehicle, self._speed, track=TangentTrack(), damper=damper, duration=COASTING, dt=self.dt, initial=run.final,
-                record=("wheelset_y",), sample=10 * self.dt,
-            )  # fmt: skip
-            y = np.asarray(free["wheelset_y"])
-            second = len(y) // int(COASTING)
-            first, last = (np.sqrt(np.mean(part**2, axis=0)).max(axis=0) for part in (y[:second], y[-second:]))
-            hunts = ~np.asarray(run.ok) | ((last > LEFT * first) & (last > REST)) | ~np.isfinite(last)
+            hunts = hunting(vehicle, damper, self._speed, run, self.dt)
             if np.any(hunts):
                 at = kmh(np.asarray(self.speeds)[np.atleast_1d(hunts)])
                 raise InputError(
                     f"{self.label} through time at {at}: the vehicle hunts there (left alone, its motion does not die out), and a hunting run "
                     "is never differentiated through time; tune limit_cycle_amplitude(speed) or nonlinear_critical_speed(), or go slower"
                 )
+
+
+def hunting(vehicle: Vehicle, damper: Damper, speed: Any, run: Simulation, dt: float) -> Bool[np.ndarray, "*lanes"]:
+    """Where the motion that a run has ended with does not die out on even track, or the run cannot be used."""
+    free = simulate(
+        vehicle,
+        speed,
+        track=TangentTrack(),
+        damper=damper,
+        duration=COASTING,
+        dt=dt,
+        initial=run.final,
+        record=("wheelset_y",),
+        sample=10 * dt,
+    )
+    y = np.asarray(free["wheelset_y"])
+    second = len(y) // int(COASTING)
+    first, last = (np.sqrt(np.mean(part**2, axis=0)).max(axis=0) for part in (y[:second], y[-second:]))
+    return ~np.asarray(run.ok) | ((last > LEFT * first) & (last > REST)) | ~np.isfinite(last)

@@ -170,10 +170,13 @@ class Evaluator:
         self.space, self.objective = space, objective
         self.constraints = list(constraints)
         self.scale = 1.0
+        self.last: tuple[np.ndarray, list] | None = None
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        quantities = [self.objective, *(entry.quantity for entry in self.constraints)]
-        found = [differentiated(quantity, self.space, x) for quantity in quantities]
+        if self.last is None or not np.array_equal(self.last[0], x):
+            quantities = [self.objective, *(entry.quantity for entry in self.constraints)]
+            self.last = x.copy(), [differentiated(quantity, self.space, x) for quantity in quantities]
+        found = self.last[1]
         values, slopes = (np.stack([pair[k] for pair in found], axis=1) for k in (0, 1))
         sign = -1.0 if self.objective.greatest else 1.0
         values[:, 0], slopes[:, 0] = sign * values[:, 0] / self.scale, sign * slopes[:, 0] / self.scale
@@ -232,7 +235,7 @@ def tune(
     require_double_precision("tune")
     began = time.perf_counter()
     check_damper(damper)
-    objective, constraints = _checked(objective, constraints, damper)
+    objective, constraints = checked(objective, constraints, damper)
     space = DesignSpace.of(vehicle, damper, parameters)
     name, run = _engine(optimiser, starts, tolerance, most_steps)
     points = start_points(space, starts, seed)
@@ -240,7 +243,7 @@ def tune(
     for quantity in quantities:
         quantity.check(*space.apply(jnp.asarray(points[0])))
     evaluate = Evaluator(space, objective, constraints)
-    first = float(differentiated(objective, space, points[:1])[0][0])
+    first = evaluate.objective_of(evaluate(points)[0][0])
     evaluate.scale = abs(first) if np.isfinite(first) and first != 0.0 else 1.0
     descents = run(evaluate, points)
     best = _best(descents)
@@ -283,7 +286,8 @@ def tune(
     )
 
 
-def _checked(objective: Any, constraints: Any, damper: Damper) -> tuple[Quantity, list[Constraint]]:
+def checked(objective: Any, constraints: Any, damper: Damper) -> tuple[Quantity, list[Constraint]]:
+    """Both by the methods that suit the damper. Raises `InputError` for what is neither."""
     if not isinstance(objective, Quantity):
         raise InputError(f"objective must be one of railjax.objectives, like objectives.comfort(60.0), not {objective!r}")
     entries = [constraints] if isinstance(constraints, Constraint) else list(constraints)

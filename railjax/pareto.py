@@ -1,0 +1,148 @@
+"""Trade-offs: the Pareto front of two quantities, by the epsilon-constraint method with exact derivatives and warm starts."""
+
+import dataclasses
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from . import minimise
+from .dampers import Damper
+from .design_space import DesignSpace
+from .errors import InputError, NumericalError
+from .motion import PASSIVE
+from .precision import require_double_precision
+from .quantities import Constraint, Quantity
+from .tuning import Evaluator, checked, notes_of, start_points
+from .vehicle import Vehicle
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+
+#: relative change that ends the search for a point, and most steps of it
+TOLERANCE, MOST_STEPS = 1e-4, 40
+
+
+@dataclass(frozen=True)
+class Front:
+    """Points from the best `objective` (first) to the best `against` (last), SI.
+
+    `parameters` holds the values (points,) by name; `met` is False where a search ended off its limit; `evaluations` counts value
+    and derivatives of both as one.
+    """
+
+    quantity: Quantity
+    against_quantity: Quantity
+    objective: Float[np.ndarray, "points"]
+    against: Float[np.ndarray, "points"]
+    parameters: dict[str, Float[np.ndarray, "points"]]
+    met: Bool[np.ndarray, "points"]
+    own: tuple[float, float]
+    evaluations: int
+    seconds: float
+    vehicle_name: str
+    notes: tuple[str, ...]
+
+    def __str__(self) -> str:
+        one, other = self.quantity, self.against_quantity
+        lines = [f"Pareto front of {self.vehicle_name or 'a vehicle'}: {one.name} against {other.name}"]
+        lines += [
+            f"  {one.shown(a):>14s}  {other.shown(b):>12s}" + ("" if met else "  (limit not reached)")
+            for a, b, met in zip(self.objective, self.against, self.met, strict=True)
+        ]
+        lines.append(f"  the vehicle itself: {one.shown(self.own[0])}, {other.shown(self.own[1])}")
+        lines.append(f"  {len(self.objective)} points, {self.evaluations} evaluations with derivatives, {self.seconds:.1f} s")
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    def plot(self, axes: "Axes", label: str = "", colour: str | None = None) -> None:
+        """The front, objective upwards, and the vehicle as it is."""
+        from .plots import COLOURS
+
+        one, other = self.quantity, self.against_quantity
+        colour = colour or COLOURS[0]
+        x, y = self.against * other.factor, self.objective * one.factor
+        axes.plot(x[self.met], y[self.met], "o-", ms=3, color=colour, label=label or None)
+        axes.plot(self.own[1] * other.factor, self.own[0] * one.factor, "x", color=colour, label=f"{label}, as it is".strip(", "))
+        axes.set(xlabel=f"{other.name}, {other.unit}", ylabel=f"{one.name}, {one.unit}")
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Over the points."""
+        import xarray
+
+        named = {"objective": self.objective, "against": self.against, "met": self.met, **self.parameters}
+        return xarray.Dataset({name: ("point", values) for name, values in named.items()})
+
+
+def pareto(
+    vehicle: Vehicle,
+    parameters: Mapping[Any, tuple],
+    objective: Quantity,
+    against: Quantity,
+    constraints: Sequence[Constraint] = (),
+    *,
+    damper: Damper = PASSIVE,
+    points: int = 20,
+    tolerance: float = TOLERANCE,
+) -> Front:
+    """How much of `objective` must be given for how much of `against`, over the `parameters` (as in `railjax.tune`).
+
+    The ends are the best of either alone; between them `against` is held at evenly spaced limits and `objective` made best by
+    SLSQP with exact derivatives, each from the answer before. Raises as `tune`.
+    """
+    require_double_precision("pareto")
+    if not isinstance(points, int) or points < 2:
+        raise InputError(f"points must be a whole number from 2 on, not {points!r}")
+    began = time.perf_counter()
+    objective, constraints = checked(objective, constraints, damper)
+    against, _ = checked(against, (), damper)
+    space = DesignSpace.of(vehicle, damper, parameters)
+    start = start_points(space, 1, 0)[0]
+    bound = Constraint(against, 0.0, against.greatest)
+    evaluate, count = Evaluator(space, objective, [bound, *constraints]), 0
+    first = evaluate(start[None])[0][0]
+    own = evaluate.objective_of(first), evaluate.constraint_of(first, 0)
+    if not np.all(np.isfinite(own)):
+        raise NumericalError("pareto: the vehicle itself has no value of both; start from one that has")
+    evaluate.scale = abs(own[0]) or 1.0
+
+    def best(of: Quantity, held: list[Constraint], x: np.ndarray) -> minimise.Descent:
+        nonlocal count
+        alone = Evaluator(space, of, held)
+        alone.scale = evaluate.scale if of is objective else abs(own[1]) or 1.0
+        found = minimise.slsqp(alone, x, tolerance, MOST_STEPS)
+        count += found.evaluations
+        return found
+
+    low = best(objective, list(constraints), start)
+    high = best(against, list(constraints), start)
+    ends = [float(evaluate.constraint_of(evaluate(end.x[None])[0][0], 0)) for end in (low, high)]
+    count += 3
+    rows, x = [], low.x
+    for limit in np.linspace(*ends, points):
+        held = dataclasses.replace(bound, limit=float(limit))
+        found = best(objective, [held, *constraints], x)
+        if limit == ends[1] and found.failure:
+            found = best(objective, [held, *constraints], high.x)
+        x = found.x
+        here = Evaluator(space, objective, [held])
+        here.scale = evaluate.scale
+        rows.append((here.objective_of(found.values), here.constraint_of(found.values, 0), not found.failure, x))
+    values = np.array([np.asarray(space.values(jnp.asarray(row[3]))) for row in rows])
+    return Front(
+        objective,
+        against,
+        np.array([row[0] for row in rows]),
+        np.array([row[1] for row in rows]),
+        dict(zip(space.names, values.T, strict=True)),
+        np.array([row[2] for row in rows]),
+        own,
+        count,
+        time.perf_counter() - began,
+        vehicle.name,
+        notes_of(vehicle, space),
+    )
