@@ -1,0 +1,164 @@
+"""Robust tuning, gain over speed, Pareto fronts and `railjax tune`."""
+
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import railjax
+from railjax import objectives as aim
+from railjax.cli import status
+from railjax.derivatives import differentiated
+from railjax.design_space import DesignSpace
+from railjax.quantities import Trees  # noqa: F401
+from railjax.schedule import bernstein
+
+BOUNDS = {"primary.stiffness_x": (1e6, 20e6), "secondary.damping_y": (5e3, 100e3)}
+PASSIVE = railjax.PassiveDamper()
+
+
+@pytest.fixture(scope="module")
+def scatter():
+    return railjax.Scatter({"contact.conicity": (0.05, 0.4)}, {"carbody.mass": (0.9, 1.2)}, samples=6)
+
+
+def test_expected_and_worst_are_those_of_the_samples(coach, scatter):
+    paths, factors, samples = scatter.drawn()
+    assert paths == ("contact.conicity", "carbody.mass")
+    assert factors == (False, True)
+    assert samples.shape == (2, 6)
+    assert np.all((samples[0] > 0.05) & (samples[0] < 0.4) & (samples[1] > 0.9) & (samples[1] < 1.2))
+    each = [
+        float(
+            railjax.linear_critical_speed(
+                railjax.replace(coach, contact__conicity=conicity, carbody__mass=mass * coach.carbody.mass)
+            )
+        )
+        for conicity, mass in samples.T
+    ]
+    mean, least = (how(aim.linear_critical_speed(), scatter) for how in (railjax.expected, railjax.worst))
+    assert float(mean.value(coach, PASSIVE)) == pytest.approx(np.mean(each), rel=1e-9)
+    assert least.sharp(coach, PASSIVE) == pytest.approx(min(each), rel=1e-9)
+    assert 0.98 * min(each) < float(least.value(coach, PASSIVE)) <= min(each)
+    assert least.greatest
+    space = DesignSpace.of(coach, PASSIVE, BOUNDS)
+    x = space.position(space.own)
+    (value,), (slope,) = differentiated(least, space, x[None])
+    high, low = differentiated(least, space, np.stack([x + [1e-5, 0], x - [1e-5, 0]]))[0]
+    assert slope[0] == pytest.approx((high - low) / 2e-5, rel=1e-4)
+    # the least critical speed of all wheels' wear rises
+    found = railjax.tune(coach, BOUNDS, least)
+    assert found.objective > 1.2 * value
+
+
+def test_runs_are_scattered_as_lanes_of_one_batch(coach, scatter):
+    comfort = aim.comfort([40.0, 45.0], railjax.SinusoidTrack(2e-3, 20.0), weighting=None, duration=3.0, settle=2.0)
+    few = railjax.Scatter({"contact.conicity": (0.05, 0.15)}, samples=2)
+    value = float(railjax.expected(comfort, few).value(coach, railjax.BalanceLogic(0.5)))
+    each = [
+        float(comfort.value(railjax.replace(coach, contact__conicity=float(c)), railjax.BalanceLogic(0.5)))
+        for c in few.drawn()[2][0]
+    ]
+    assert value == pytest.approx(np.mean(each), rel=1e-9)
+
+
+def test_bad_scatter_is_refused():
+    for bad in (railjax.Scatter(), railjax.Scatter({"a.b": (2.0, 1.0)}), railjax.Scatter({"a.b": (1.0, 2.0)}, samples=1)):
+        with pytest.raises(railjax.InputError, match="scatter"):
+            railjax.expected(aim.linear_critical_speed(), bad)
+
+
+def test_bernstein_is_a_partition_of_unity():
+    basis = bernstein(np.linspace(30.0, 60.0, 7), np.array([30.0, 60.0]), 4)
+    np.testing.assert_allclose(basis.sum(axis=1), 1.0)
+    np.testing.assert_allclose(basis[[0, -1]], [[1, 0, 0, 0], [0, 0, 0, 1]], atol=1e-15)
+
+
+def test_gain_over_speed(coach):
+    speeds, track = np.array([150.0, 220.0, 270.0]) / 3.6, railjax.SinusoidTrack(5e-3, 20.0)
+    found = railjax.schedule_gain(coach, speeds, track, degree=1, duration=6.0, settle=4.0)
+    grid = np.linspace(0.0, 1.5, 101)
+    gains, lanes = (jnp.asarray(values.ravel()) for values in np.meshgrid(grid, speeds[:2], indexing="ij"))
+    run = railjax.simulate(
+        railjax.replace(coach, contact__law="smooth"), lanes, track=track, damper=railjax.BalanceLogic(gains, law="smooth"),
+        duration=6.0, settle=4.0, sample=0.1, record=(), reduce=["rms:carbody_acceleration"],
+    )  # fmt: skip
+    rms = np.asarray(run["rms:carbody_acceleration"]).reshape(101, 2)
+    np.testing.assert_allclose(found.best[:2], grid[rms.argmin(axis=0)], atol=0.015 + 1e-9)
+    assert np.all(found.rms_best[:2] <= rms.min(axis=0) * (1 + 1e-5))
+    # it hunts at 270 km/h, which is left out
+    assert np.isnan(found.rms_best[2])
+    assert "left out: 270" in str(found)
+    # two coefficients for two speeds meet both; one gain lies between
+    np.testing.assert_allclose(found.rms_scheduled[:2], found.rms_best[:2], rtol=1e-4)
+    assert found.best[:2].min() - 1e-3 <= found.constant <= found.best[:2].max() + 1e-3
+    assert np.all(found.rms_scheduled[:2] < 0.5 * found.rms_passive[:2])
+    assert found.at(speeds[0]) == pytest.approx(found.scheduled[0])
+
+
+def test_pareto_front(coach):
+    front = railjax.pareto(coach, BOUNDS, aim.comfort(50.0), aim.linear_critical_speed(), points=4)
+    assert np.all(front.met)
+    assert np.all(np.diff(front.against) > 0.0)
+    assert np.all(np.diff(front.objective) > -1e-6)
+    # no point of a grid dominates it
+    space = DesignSpace.of(coach, PASSIVE, BOUNDS)
+    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 5)] * 2), axis=-1).reshape(-1, 2)
+    comfort = differentiated(aim.comfort(50.0).suited(PASSIVE), space, grid)[0]
+    speed = differentiated(aim.linear_critical_speed(), space, grid)[0]
+    for objective, against in zip(front.objective, front.against, strict=True):
+        assert not np.any((comfort < objective * (1 - 1e-3)) & (speed > against * (1 + 1e-3)))
+    assert "Pareto front" in str(front)
+    assert front.to_xarray().sizes["point"] == 4
+
+
+@pytest.fixture
+def run(capsys):
+    def run_and_capture(*arguments):
+        return status([str(argument) for argument in arguments]), *capsys.readouterr()
+
+    return run_and_capture
+
+
+COMMAND = ("tune", "coach", "--parameter", "secondary.damping_y_kNs_per_m=5:100")
+
+
+def test_command_line(run, tmp_path, coach):
+    code, out, error = run(
+        *COMMAND, "--parameter", "primary.stiffness_x_MN_per_m=1:20", "--objective", "comfort", "--speed-kmh", 180,
+        "--track", "erri-high", "--constraint", "critical-speed>=260", "--out", tmp_path / "h.png", "--json",
+    )  # fmt: skip
+    assert (code, error) == (0, "")
+    content = json.loads(out)
+    assert {"parameters", "objective", "evaluations", "seconds", "constraints"} <= set(content)
+    tuned = railjax.replace(coach, **{name.replace(".", "__"): value for name, value in content["parameters"].items()})
+    assert float(railjax.linear_critical_speed(tuned)) * 3.6 >= 260 * (1 - 1e-4)
+    assert content["constraints"][0]["met"]
+    assert content["objective"] < content["objective_before"]
+    assert 5e3 <= content["parameters"]["secondary.damping_y"] <= 100e3
+    assert (tmp_path / "h.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("tune", "coach", "--parameter", "secondary.damping_y=5:100"), "secondary.damping_y_kNs_per_m"),
+        (("tune", "coach", "--parameter", "secondary.damping_y_kNs_per_m"), "low:high"),
+        (("tune", "coach", "--parameter", "secondary.damping_y_kNs_per_m=5:x"), "low:high"),
+        (("tune", "coach", "--parameter", "damper.alpha=0:1"), "has no 'alpha'"),
+        ((*COMMAND, "--constraint", "critical-speed=260"), "critical-speed>=260"),
+        ((*COMMAND, "--constraint", "critical-sped>=260"), "critical-speed"),
+        ((*COMMAND, "--constraint", "critical-speed>=fast"), "not a number"),
+        ((*COMMAND, "--objective", "comfrt"), "comfort"),
+        ((*COMMAND, "--speed-kmh", "-3"), "--speed-kmh"),
+        ((*COMMAND, "--track", "erri-hi"), "erri-high"),
+        ((*COMMAND, "--optimiser", "newton"), "optimiser"),
+        ((*COMMAND, "--out", "history.txt"), ".png"),
+    ],
+)
+def test_command_line_refuses(run, arguments, message):
+    code, out, error = run(*arguments)
+    assert (code, out) == (2, "")
+    assert len(error.splitlines()) == 1
+    assert message in error
