@@ -40,7 +40,7 @@ class DesignSpace:
     logarithmic: tuple[bool, ...] = structure(())
 
     @classmethod
-    def of(cls, vehicle: Vehicle, damper: Damper, bounds: Mapping[Any, tuple]) -> "DesignSpace":
+    def of(cls, vehicle: Vehicle, damper: Damper, bounds: Mapping[Any, Any]) -> "DesignSpace":
         """From {"primary.stiffness_x": (1e6, 20e6), "damper.alpha": (0.0, 1.5)}, SI.
 
         A tuple of names as key ties them together; a third entry "log" or "linear" chooses the scale, by default logarithmic for

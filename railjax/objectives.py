@@ -38,7 +38,7 @@ PEAK_FACTOR = 3.0
 
 
 def comfort(
-    speeds: Scalar | list[float] | tuple[float, ...] | np.ndarray,
+    speeds: Any,
     track: Any = "erri-high",
     *,
     weighting: str | None = "Wd",
@@ -59,10 +59,10 @@ def comfort(
 
 
 def travel(
-    speeds: Scalar | list[float] | tuple[float, ...] | np.ndarray,
+    speeds: Any,
     track: Any = "erri-high",
     *,
-    peak_factor: float = PEAK_FACTOR,
+    peak_factor: Scalar = PEAK_FACTOR,
     method: str = "auto",
     **run: Any,
 ) -> Quantity:
@@ -74,10 +74,10 @@ def travel(
 
 
 def guiding_force(
-    speeds: Scalar | list[float] | tuple[float, ...] | np.ndarray,
+    speeds: Any,
     track: Any = "erri-high",
     *,
-    peak_factor: float = PEAK_FACTOR,
+    peak_factor: Scalar = PEAK_FACTOR,
     method: str = "auto",
     **run: Any,
 ) -> Quantity:
@@ -86,7 +86,7 @@ def guiding_force(
 
 
 def _response(
-    label: str, speeds: Any, track: Any, channel: str, weighting: str | None, factor: float, method: str, run: dict[str, Any]
+    label: str, speeds: Any, track: Any, channel: str, weighting: str | None, factor: Scalar, method: str, run: dict[str, Any]
 ) -> Quantity:
     check_channel(channel)
     if CHANNELS[channel].part not in ("carbody", "floor", "bogie", "wheelset"):
@@ -105,11 +105,11 @@ def _speeds(speeds: Any) -> Float[np.ndarray, "speeds"]:
         raise InputError(f"speeds must be numbers in m/s, not {speeds!r}") from None
     if found.ndim != 1 or found.size == 0:
         raise InputError(f"speeds must be a number or a list of numbers in m/s, not of shape {found.shape}")
-    check_speed(found)
+    check_speed(jnp.asarray(found))
     return found
 
 
-def linear_critical_speed(highest: float = linear.HIGHEST) -> Quantity:
+def linear_critical_speed(highest: Scalar = linear.HIGHEST) -> Quantity:
     """Speed (m/s) at which straight running loses its stability; `highest` where it is stable up to there."""
     if not (np.isfinite(highest) and highest > linear.LOWEST):
         raise InputError(f"highest must be above {linear.LOWEST:g} m/s, not {highest}")
@@ -124,12 +124,12 @@ def nonlinear_critical_speed(steps: int | None = None) -> Quantity:
     return NonlinearCriticalSpeed(critical.FEWEST_STEPS if steps is None else int(steps))
 
 
-def least_damping(speed: float) -> Quantity:
+def least_damping(speed: Scalar) -> Quantity:
     """Damping ratio of the least damped mode at a speed (m/s), negative where it is unstable."""
     return LeastDamping(float(_one(speed)))
 
 
-def limit_cycle_amplitude(speed: float, steps: int = critical.FEWEST_STEPS) -> Quantity:
+def limit_cycle_amplitude(speed: Scalar, steps: int = critical.FEWEST_STEPS) -> Quantity:
     """Amplitude (m) of the limit cycle to which the vehicle is drawn from a large disturbance at a speed (m/s), 0 where it comes to rest.
 
     Of the leading wheelset of the trailing bogie; by implicit differentiation of the orbit at this speed.
@@ -149,7 +149,7 @@ def _one(speed: Any) -> float:
 class LinearCriticalSpeed(Quantity):
     """See `linear_critical_speed`."""
 
-    highest: Number
+    highest: float = structure(linear.HIGHEST)
 
     unit: ClassVar[str] = "km/h"
     factor: ClassVar[float] = KMH

@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -80,10 +80,10 @@ class Front:
 
 def pareto(
     vehicle: Vehicle,
-    parameters: Mapping[Any, tuple],
-    objective: Quantity,
-    against: Quantity,
-    constraints: Sequence[Constraint] = (),
+    parameters: Mapping[Any, Any],
+    objective: Any,
+    against: Any,
+    constraints: Any = (),
     *,
     damper: Damper = PASSIVE,
     points: int = 20,

@@ -71,10 +71,10 @@ class Quantity:
         """A value in SI as printed."""
         return f"{value * self.factor:.4g} {self.unit}"
 
-    def __ge__(self, limit: float) -> "Constraint":
+    def __ge__(self, limit: Any) -> "Constraint":
         return Constraint(self, _limit(limit), True)
 
-    def __le__(self, limit: float) -> "Constraint":
+    def __le__(self, limit: Any) -> "Constraint":
         return Constraint(self, _limit(limit), False)
 
 

@@ -22,7 +22,7 @@ from .simulate import Simulation, simulate
 from .spectra import LONGEST, SHORTEST, spectrum
 from .statistical import CONVERGED, memoryless, statistical_linearisation
 from .track import TangentTrack, Track
-from .typing import Number
+from .typing import Number, Scalar
 from .vehicle import Vehicle, structure
 from .vibration import weighted_rms
 
@@ -41,7 +41,7 @@ def response_over(
     track: Any,
     channel: str,
     weighting: str | None,
-    factor: float,
+    factor: Scalar,
     method: str,
     run: dict[str, Any],
 ) -> Quantity:
@@ -211,7 +211,8 @@ class Run(Forced):
 
     def each(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "lanes"]:
         """All lanes and speeds in one batch."""
-        trees, axes = smoothed_laws(vehicle, damper), own_axes_of((vehicle, damper))
+        trees = smoothed_laws(vehicle, damper)
+        axes = own_axes_of(trees)
         count, speeds = count_lanes(trees, axes), jnp.asarray(self.speeds)
         repeated = jax.tree.map(
             lambda leaf, own: jnp.repeat(leaf, len(speeds), -1) if jnp.ndim(leaf) > own else leaf, trees, axes

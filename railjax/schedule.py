@@ -130,7 +130,7 @@ def schedule_gain(
     speeds = np.asarray(speeds, float)
     if speeds.ndim != 1 or len(speeds) < 2 or not np.all(np.diff(speeds) > 0):
         raise InputError("speeds must be at least two numbers (m/s) in rising order")
-    check_speed(speeds)
+    check_speed(jnp.asarray(speeds))
     if not isinstance(degree, int) or not 0 <= degree < len(speeds):
         raise InputError(f"degree must be a whole number from 0 to {len(speeds) - 1}, not {degree!r}")
     low, high = map(float, bounds)

@@ -196,12 +196,12 @@ class Evaluator:
 
 def tune(
     vehicle: Vehicle,
-    parameters: Mapping[Any, tuple],
-    objective: Quantity,
-    constraints: Sequence[Constraint] = (),
+    parameters: Mapping[Any, Any],
+    objective: Any,
+    constraints: Any = (),
     *,
     damper: Damper = PASSIVE,
-    starts: int = 1,
+    starts: Any = 1,
     seed: int = 0,
     optimiser: Any = None,
     tolerance: float = TOLERANCE,
@@ -298,7 +298,7 @@ def checked(objective: Any, constraints: Any, damper: Damper) -> tuple[Quantity,
     return objective.suited(damper), suited
 
 
-def start_points(space: DesignSpace, starts: int, seed: int) -> Float[np.ndarray, "starts parameters"]:
+def start_points(space: DesignSpace, starts: Any, seed: int) -> Float[np.ndarray, "starts parameters"]:
     """The vehicle's own values, and points of a scrambled Sobol sequence."""
     if not isinstance(starts, int) or starts < 1:
         raise InputError(f"starts must be a positive whole number, not {starts!r}")

@@ -244,7 +244,7 @@ def test_gain_agrees_with_a_grid(coach):
 
 def test_a_run_that_hunts_is_not_differentiated(coach):
     comfort = aim.comfort(270 / 3.6, railjax.SinusoidTrack(5e-3, 20.0), weighting=None, duration=6.0, settle=4.0)
-    with pytest.raises(railjax.InputError, match="hunting run is never differentiated.*nonlinear_critical_speed"):
+    with pytest.raises(railjax.InputError, match=r"hunting run is never differentiated.*nonlinear_critical_speed"):
         railjax.tune(coach, {"damper.alpha": (0.0, 1.5)}, comfort, damper=railjax.BalanceLogic(0.5))
 
 

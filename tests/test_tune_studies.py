@@ -11,7 +11,6 @@ from railjax import objectives as aim
 from railjax.cli import status
 from railjax.derivatives import differentiated
 from railjax.design_space import DesignSpace
-from railjax.quantities import Trees  # noqa: F401
 from railjax.schedule import bernstein
 
 BOUNDS = {"primary.stiffness_x": (1e6, 20e6), "secondary.damping_y": (5e3, 100e3)}
@@ -45,7 +44,7 @@ def test_expected_and_worst_are_those_of_the_samples(coach, scatter):
     space = DesignSpace.of(coach, PASSIVE, BOUNDS)
     x = space.position(space.own)
     (value,), (slope,) = differentiated(least, space, x[None])
-    high, low = differentiated(least, space, np.stack([x + [1e-5, 0], x - [1e-5, 0]]))[0]
+    high, low = differentiated(least, space, x + 1e-5 * np.array([[1.0, 0.0], [-1.0, 0.0]]))[0]
     assert slope[0] == pytest.approx((high - low) / 2e-5, rel=1e-4)
     # the least critical speed of all wheels' wear rises
     found = railjax.tune(coach, BOUNDS, least)
@@ -143,7 +142,7 @@ def test_command_line(run, tmp_path, coach):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("tune", "coach", "--parameter", "secondary.damping_y=5:100"), "secondary.damping_y_kNs_per_m"),
+        (("tune", "coach", "--parameter", "secondary.damping_y=5:100"), "did you mean secondary.damping_y_"),
         (("tune", "coach", "--parameter", "secondary.damping_y_kNs_per_m"), "low:high"),
         (("tune", "coach", "--parameter", "secondary.damping_y_kNs_per_m=5:x"), "low:high"),
         (("tune", "coach", "--parameter", "damper.alpha=0:1"), "has no 'alpha'"),
