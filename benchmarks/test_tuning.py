@@ -1,5 +1,6 @@
 """Tuning by gradient against what users do without: grid, differential evolution, Nelder-Mead, SLSQP with finite differences."""
 
+import contextlib
 import time
 from collections.abc import Callable
 from typing import Any
@@ -106,10 +107,8 @@ class Rival:
 
     def run(self, search: Callable) -> dict[str, Any]:
         self.begin()
-        try:
+        with contextlib.suppress(Arrived):
             search()
-        except Arrived:
-            pass
         seconds = time.perf_counter() - self.began
         return {"evaluations": self.count, "seconds": seconds, "arrived": self.reached is not None, "best": self.best}
 

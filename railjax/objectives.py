@@ -26,7 +26,9 @@ from .errors import InputError
 from .motion import state_matrix
 from .quantities import Quantity, kmh, smooth_damper
 from .responses import response_over
+from .semiactive import BalanceLogic
 from .simulate import check_speed
+from .statistical import EquivalentDamper, memoryless
 from .typing import Number, Scalar
 from .units import KMH
 from .vehicle import Vehicle, structure
@@ -109,19 +111,44 @@ def _speeds(speeds: Any) -> Float[np.ndarray, "speeds"]:
     return found
 
 
-def linear_critical_speed(highest: Scalar = linear.HIGHEST) -> Quantity:
-    """Speed (m/s) at which straight running loses its stability; `highest` where it is stable up to there."""
+def linear_critical_speed(highest: Scalar = linear.HIGHEST, harmonic_hz: float | None = None) -> Quantity:
+    """Speed (m/s) at which straight running loses its stability; `highest` where it is stable up to there.
+
+    Balance logic has no linear law at rest, and its smooth twin's there is an artefact of the rounding. With `harmonic_hz` (the frequency of
+    hunting) its describing function takes its place, which holds for every amplitude, as the law is homogeneous: for Δy_c = X sin ωt per bogie
+    k = -α k_cy and c = 2 α k_cy/(π ω) + c_min.
+    """
     if not (np.isfinite(highest) and highest > linear.LOWEST):
         raise InputError(f"highest must be above {linear.LOWEST:g} m/s, not {highest}")
-    return LinearCriticalSpeed(float(highest))
+    return LinearCriticalSpeed(float(highest), _frequency(harmonic_hz))
 
 
-def nonlinear_critical_speed(steps: int | None = None) -> Quantity:
+def nonlinear_critical_speed(steps: int | None = None, harmonic_hz: float | None = None) -> Quantity:
     """Lowest speed (m/s) with a limit cycle, the fold; takes a few tenths of a second where the linear one takes milliseconds.
 
-    `steps` of RK4 in half a period as in `railjax.nonlinear_critical`, the same for all trials; None: 200.
+    `steps` of RK4 in half a period as in `railjax.nonlinear_critical`, the same for all trials; None: 200. `harmonic_hz` as in
+    `linear_critical_speed`: hunting is nearly harmonic.
     """
-    return NonlinearCriticalSpeed(critical.FEWEST_STEPS if steps is None else int(steps))
+    return NonlinearCriticalSpeed(critical.FEWEST_STEPS if steps is None else int(steps), _frequency(harmonic_hz))
+
+
+def _frequency(harmonic_hz: Any) -> float | None:
+    if harmonic_hz is None:
+        return None
+    if not (np.ndim(harmonic_hz) == 0 and np.isfinite(harmonic_hz) and harmonic_hz > 0):
+        raise InputError(f"harmonic_hz must be a positive number, not {harmonic_hz}")
+    return float(harmonic_hz)
+
+
+def describing(damper: Damper, vehicle: Vehicle, harmonic_hz: float | None) -> Damper:
+    """The damper's smooth twin, or the describing function of balance logic at a frequency. Raises `InputError` for other
+    controlled dampers."""
+    if harmonic_hz is None or not hasattr(damper, "held"):
+        return smooth_damper(damper)
+    if not isinstance(damper, BalanceLogic) or not memoryless(damper) or damper.force_limit is not None:
+        raise InputError("harmonic_hz is for balance logic without lags and limit")
+    elastic = damper.alpha * vehicle.secondary.stiffness_y
+    return EquivalentDamper(-elastic, 2.0 * elastic / (np.pi * 2.0 * np.pi * harmonic_hz) + damper.damping_min)
 
 
 def least_damping(speed: Scalar) -> Quantity:
@@ -150,6 +177,7 @@ class LinearCriticalSpeed(Quantity):
     """See `linear_critical_speed`."""
 
     highest: float = structure(linear.HIGHEST)
+    harmonic_hz: float | None = structure(None)
 
     unit: ClassVar[str] = "km/h"
     factor: ClassVar[float] = KMH
@@ -160,7 +188,7 @@ class LinearCriticalSpeed(Quantity):
         return "linear critical speed"
 
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
-        found = linear.linear_critical(vehicle, damper=smooth_damper(damper), highest=self.highest)
+        found = linear.linear_critical(vehicle, damper=describing(damper, vehicle, self.harmonic_hz), highest=self.highest)
         return jnp.where(found.code == linear.Stability.STABLE, self.highest, found.speed)
 
 
@@ -170,6 +198,7 @@ class NonlinearCriticalSpeed(Quantity):
     """See `nonlinear_critical_speed`."""
 
     steps: int = structure(critical.FEWEST_STEPS)
+    harmonic_hz: float | None = structure(None)
 
     unit: ClassVar[str] = "km/h"
     factor: ClassVar[float] = KMH
@@ -180,7 +209,8 @@ class NonlinearCriticalSpeed(Quantity):
         return "nonlinear critical speed"
 
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
-        found = critical.nonlinear_critical(vehicle, damper=smooth_damper(damper), steps=self.steps)
+        law = describing(damper, vehicle, self.harmonic_hz)
+        found = critical.nonlinear_critical(vehicle, damper=law, steps=self.steps)
         return jnp.where(found.code == critical.Hunting.STABLE, linear.HIGHEST, found.speed)
 
 

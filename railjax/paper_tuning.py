@@ -7,6 +7,7 @@ import numpy as np
 
 from . import objectives as aim
 from .dampers import SOFT, Damper
+from .linear import linear_critical
 from .motion import PASSIVE
 from .paper_passive import ASSUMED_TRACK
 from .pareto import Front, pareto
@@ -70,7 +71,8 @@ def trade_off(vehicle: Vehicle, points: int = POINTS, against: Any = None) -> di
             suspension | {"damper.alpha": (0.0, 1.5), "damper.damping_min": (SOFT, own["secondary.damping_y"][1])},
         ),
     }
-    comfort, against = aim.comfort(SPEED / KMH), against or aim.nonlinear_critical_speed()
+    hunting = float(linear_critical(vehicle).frequency)
+    comfort, against = aim.comfort(SPEED / KMH), against or aim.nonlinear_critical_speed(harmonic_hz=hunting)
     return {
         name: pareto(vehicle, bounds, comfort, against, damper=damper, points=points) for name, (damper, bounds) in cases.items()
     }
@@ -112,7 +114,10 @@ def stiffness_and_comfort(context: Context) -> Outcome:
         "Two curves of weighted acceleration over nonlinear critical speed, passive and with balance logic.",
         page,
     )
-    assumptions = ["Trade-off: track ERRI high; the least damping of the controlled damper is at least that of its open valve."]
+    assumptions = [
+        "Trade-off: for critical speeds balance logic is replaced by its describing function at the coach's hunting frequency.",
+        "Trade-off: track ERRI high; the least damping of the controlled damper is at least that of its open valve.",
+    ]
     return Outcome(statements=statements, pictures=[picture], assumptions=assumptions)
 
 

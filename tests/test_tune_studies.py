@@ -96,6 +96,20 @@ def test_gain_over_speed(coach):
     assert found.at(speeds[0]) == pytest.approx(found.scheduled[0])
 
 
+def test_describing_function_of_balance_logic(coach):
+    """A harmonic motion of the secondary suspension, the force of the sharp law, and its first harmonic by quadrature."""
+    damper, omega, X = railjax.BalanceLogic(0.7, damping_min=3e3), 2 * np.pi * 6.0, 4e-3
+    law = aim.describing(damper, coach, 6.0)
+    theta = (np.arange(4000) + 0.5) * 2 * np.pi / 4000
+    y, v = X * np.sin(theta), X * omega * np.cos(theta)
+    elastic = 2 * coach.secondary.stiffness_y * y
+    force = np.where(elastic * v < 0, 0.7 * np.abs(elastic) * np.sign(v), 2 * 3e3 * v)  # eqs. (10)-(11)
+    assert law.stiffness == pytest.approx(2 * np.mean(force * np.sin(theta)) / X, rel=1e-5)
+    assert law.damping == pytest.approx(2 * np.mean(force * np.cos(theta)) / (X * omega), rel=1e-5)
+    with pytest.raises(railjax.InputError, match="harmonic_hz"):
+        aim.describing(railjax.Skyhook(), coach, 6.0)
+
+
 def test_pareto_front(coach):
     front = railjax.pareto(coach, BOUNDS, aim.comfort(50.0), aim.linear_critical_speed(), points=4)
     assert np.all(front.met)
