@@ -45,7 +45,8 @@ from .spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, Table
 from .speed_profile import SpeedProfile
 from .statistical import StatisticalResponse, statistical_linearisation
 from .track import BumpTrack, SinusoidTrack, TangentTrack, alignment
-from .tuning import Tuning, tune
+from .tuning import tune
+from .tuning_result import Tuning
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
 from .vibration import sperling, weighted_acceleration, weighted_rms

@@ -146,7 +146,7 @@ def test_failed_starts_are_marked_and_spoil_nothing(coach):
     for descent in found.descents:
         assert bool(descent.failure) == bool(np.isnan(descent.history[0, 0]))
         if not descent.failure:
-            np.testing.assert_allclose(found.space.values(descent.x), 2e6, rtol=5e-3)
+            np.testing.assert_allclose(found.space.values(jnp.asarray(descent.x)), 2e6, rtol=5e-3)
     alone = railjax.tune(coach, bounds, objective, optimiser="lbfgs")
     np.testing.assert_array_equal(alone.descents[0].history, found.descents[0].history)
     assert "failed" in str(found)
@@ -174,13 +174,12 @@ def test_limits_are_tightened_until_the_sharp_laws_meet_them(coach):
 def compared(quantity, vehicle, bounds, damper=None, rtol=1e-5, step=1e-5):
     """Derivatives of `differentiated` against central differences of its values, and lanes against single points."""
     space = DesignSpace.of(vehicle, damper or railjax.PassiveDamper(), bounds)
-    x = space.position(space.own)
-    values, slopes = differentiated(quantity, space, x[None])
+    x, count = space.position(space.own), len(bounds)
+    steps = step * np.concatenate([np.zeros((1, count)), np.eye(count), -np.eye(count)])
+    values, slopes = differentiated(quantity, space, x + steps)  # one compilation for all
     assert np.all(np.isfinite(values))
-    for k in range(len(x)):
-        ends = np.stack([x + step * np.eye(len(x))[k], x - step * np.eye(len(x))[k]])
-        high, low = differentiated(quantity, space, ends)[0]
-        np.testing.assert_allclose(slopes[0, k], (high - low) / (2 * step), rtol=rtol, atol=1e-6 * abs(values[0]))
+    differences = (values[1 : count + 1] - values[count + 1 :]) / (2 * step)
+    np.testing.assert_allclose(slopes[0], differences, rtol=rtol, atol=1e-6 * abs(values[0]))
     return values[0]
 
 
@@ -216,7 +215,11 @@ def test_orbits():
     assert fold == pytest.approx(float(railjax.nonlinear_critical_speed(wheelset)), rel=1e-6)
     hunts = aim.limit_cycle_amplitude(34.0)
     amplitude = compared(hunts, wheelset, bounds, rtol=1e-4, step=1e-4)
-    assert amplitude == pytest.approx(railjax.hunting_branch(wheelset).at(34.0).amplitude, rel=1e-4)
+    # what a simulation settles on
+    run = railjax.simulate(
+        wheelset, 34.0, duration=30.0, settle=28.0, initial={"wheelset_y": 8e-3}, record=(), reduce=["peak:wheelset_y"]
+    )
+    assert amplitude == pytest.approx(float(run["peak:wheelset_y"][0]), rel=1e-3)
 
 
 def test_gain_agrees_with_a_grid(coach):
