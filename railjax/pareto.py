@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: relative change that ends the search for a point, and most steps of it
-TOLERANCE, MOST_STEPS = 1e-4, 40
+TOLERANCE, MOST_STEPS = 1e-4, 30
 
 
 @dataclass(frozen=True)
@@ -121,17 +121,27 @@ def pareto(
     low = best(objective, list(constraints), start)
     high = best(against, list(constraints), start)
     ends = [float(evaluate.constraint_of(evaluate(end.x[None])[0][0], 0)) for end in (low, high)]
-    count += 3
-    rows, x = [], low.x
-    for limit in np.linspace(*ends, points):
-        held = dataclasses.replace(bound, limit=float(limit))
-        found = best(objective, [held, *constraints], x)
-        if limit == ends[1] and found.failure:
-            found = best(objective, [held, *constraints], high.x)
-        x = found.x
-        here = Evaluator(space, objective, [held])
-        here.scale = evaluate.scale
-        rows.append((here.objective_of(found.values), here.constraint_of(found.values, 0), not found.failure, x))
+    count, failed = count + 3, [bool(low.failure)]
+    found = [low.x]
+    for limit in np.linspace(*ends, points)[1:-1]:
+        held = [dataclasses.replace(bound, limit=float(limit)), *constraints]
+        # on from the two points before
+        start = found[-1] if len(found) == 1 else np.clip(2.0 * found[-1] - found[-2], 0.0, 1.0)
+        point = best(objective, held, start)
+        if point.failure:
+            point = best(objective, held, found[-1])
+        failed.append(bool(point.failure))
+        found.append(point.x)
+    # the best `against` may be had with more than one design: the best objective of these
+    held = [dataclasses.replace(bound, limit=ends[1]), *constraints]
+    last = best(objective, held, high.x)
+    found.append(high.x if last.failure else last.x)
+    failed.append(False)
+    rows = []
+    for x, missed in zip(found, failed, strict=True):
+        values = evaluate(x[None])[0][0]
+        rows.append((evaluate.objective_of(values), evaluate.constraint_of(values, 0), not missed, x))
+    count += len(rows)
     values = np.array([np.asarray(space.values(jnp.asarray(row[3]))) for row in rows])
     return Front(
         objective,

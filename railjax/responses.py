@@ -256,4 +256,4 @@ def hunting(vehicle: Vehicle, damper: Damper, speed: Any, run: Simulation, dt: f
     y = np.asarray(free["wheelset_y"])
     second = len(y) // int(COASTING)
     first, last = (np.sqrt(np.mean(part**2, axis=0)).max(axis=0) for part in (y[:second], y[-second:]))
-    return ~np.asarray(run.ok) | ((last > LEFT * first) & (last > REST)) | ~np.isfinite(last)
+    return np.asarray(~np.asarray(run.ok) | ((last > LEFT * first) & (last > REST)) | ~np.isfinite(last))

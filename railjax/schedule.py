@@ -57,8 +57,8 @@ class GainSchedule:
     runs: int
     seconds: float
 
-    def at(self, speed: Any) -> Float[np.ndarray, "*speeds"]:
-        """α at a speed (m/s), beyond the ends that of the end."""
+    def at(self, speed: Any) -> Any:
+        """α at a speed or speeds (m/s), beyond the ends that of the end."""
         return bernstein(np.asarray(speed, float), self.speeds, len(self.coefficients)) @ self.coefficients
 
     def __str__(self) -> str:

@@ -212,7 +212,7 @@ def test_statistical_comfort_with_balance_logic(coach):
 def test_orbits():
     wheelset, bounds = railjax.load_vehicle("single-wheelset"), {"primary.stiffness_x": (1e4, 1e6)}
     fold = compared(aim.nonlinear_critical_speed(), wheelset, bounds, rtol=1e-4, step=1e-4)
-    assert fold == pytest.approx(float(railjax.nonlinear_critical_speed(wheelset)), rel=1e-6)
+    assert fold * 3.6 == pytest.approx(117.906, abs=1e-3)  # as tests/test_cli.py has it
     hunts = aim.limit_cycle_amplitude(34.0)
     amplitude = compared(hunts, wheelset, bounds, rtol=1e-4, step=1e-4)
     # what a simulation settles on
