@@ -198,7 +198,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a parameter's value comes from: `status` is "published", "recalled", "assumed" or "calibrated"."""
+    """Where a parameter's value comes from: `status` is "published", "recalled", "assumed" or "calibrated"; "tuned" where `tune` chose it."""
 
     parameter: str
     status: str
