@@ -116,7 +116,7 @@ def linear_critical_speed(highest: Scalar = linear.HIGHEST, harmonic_hz: float |
 
     Balance logic has no linear law at rest, and its smooth twin's there is an artefact of the rounding. With `harmonic_hz` (the frequency of
     hunting) its describing function takes its place, which holds for every amplitude, as the law is homogeneous: for Δy_c = X sin ωt per bogie
-    k = -α k_cy and c = 2 α k_cy/(π ω) + c_min.
+    k = 2 c_min ω/π - α k_cy and c = c_min + 2 α k_cy/(π ω).
     """
     if not (np.isfinite(highest) and highest > linear.LOWEST):
         raise InputError(f"highest must be above {linear.LOWEST:g} m/s, not {highest}")
@@ -147,8 +147,9 @@ def describing(damper: Damper, vehicle: Vehicle, harmonic_hz: float | None) -> D
         return smooth_damper(damper)
     if not isinstance(damper, BalanceLogic) or not memoryless(damper) or damper.force_limit is not None:
         raise InputError("harmonic_hz is for balance logic without lags and limit")
-    elastic = damper.alpha * vehicle.secondary.stiffness_y
-    return EquivalentDamper(-elastic, 2.0 * elastic / (np.pi * 2.0 * np.pi * harmonic_hz) + damper.damping_min)
+    elastic, omega, least = damper.alpha * vehicle.secondary.stiffness_y, 2.0 * np.pi * harmonic_hz, damper.damping_min
+    # the least damping acts in the other two quarters of the cycle, where Δy_c and Δy_c' have the same sign
+    return EquivalentDamper(2.0 * least * omega / np.pi - elastic, least + 2.0 * elastic / (np.pi * omega))
 
 
 def least_damping(speed: Scalar) -> Quantity:
