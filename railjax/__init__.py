@@ -38,6 +38,7 @@ from .sampled_track import spectrum_of
 from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from .simulate import Result, Simulation, simulate
 from .spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
+from .spectral_comfort import SpectralComfort, spectral_comfort
 from .speed_profile import SpeedProfile
 from .statistical import StatisticalResponse, statistical_linearisation
 from .track import BumpTrack, SinusoidTrack, TangentTrack, alignment
@@ -87,6 +88,7 @@ __all__ = [
     "Simulation",
     "SinusoidTrack",
     "Skyhook",
+    "SpectralComfort",
     "Spectrum",
     "SpeedProfile",
     "Stability",
@@ -125,6 +127,7 @@ __all__ = [
     "root_locus",
     "set_parameter",
     "simulate",
+    "spectral_comfort",
     "spectrum",
     "spectrum_of",
     "speed_ramp",

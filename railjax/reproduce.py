@@ -28,6 +28,8 @@ MODULES = (
     "railjax.paper_characteristics",
     "railjax.paper_semiactive",
     "railjax.paper_controlled_hunting",
+    "railjax.paper_comfort",
+    "railjax.paper_acceptance",
 )
 
 Progress = Callable[[str, int, int], None]
