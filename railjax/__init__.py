@@ -30,6 +30,8 @@ from .ramp import Ramp, speed_ramp
 from .record import Record, read_record
 from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from .simulate import Result, Simulation, simulate
+from .sweep import sweep
+from .sweep_studies import CriticalSpeed, ForcedRun, LeastDamping, NonlinearCriticalSpeed, each_point
 from .track import BumpTrack, SinusoidTrack, SpeedProfile, TangentTrack, alignment
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
@@ -47,16 +49,20 @@ __all__ = [
     "BumpTrack",
     "Calibration",
     "ClippedLQR",
+    "CriticalSpeed",
+    "ForcedRun",
     "Hunting",
     "HybridDamper",
     "Identification",
     "InputError",
     "LateralDamper",
+    "LeastDamping",
     "LimitCycle",
     "MaxwellDamper",
     "MixedSkyhookADD",
     "Modes",
     "NonlinearCritical",
+    "NonlinearCriticalSpeed",
     "NumericalError",
     "PassiveDamper",
     "Ramp",
@@ -75,6 +81,7 @@ __all__ = [
     "calibrate",
     "contact_ellipse",
     "creep_coefficients",
+    "each_point",
     "first_lyapunov_coefficient",
     "get_parameter",
     "hunting_branch",
@@ -98,6 +105,7 @@ __all__ = [
     "speed_ramp",
     "state_matrix",
     "track_matrix",
+    "sweep",
     "use_all_cores",
     "use_double_precision",
 ]

@@ -142,7 +142,7 @@ def simulate(
     track = TangentTrack() if track is None else track
     check_track(track)
     check_damper(damper)
-    _check_speed(speed)
+    check_speed(speed)
     plan = _plan(vehicle, duration, dt, sample, tuple(record), tuple(reduce), settle)
     x = initial_state(vehicle, damper, initial)
     bare = without_labels(vehicle)
@@ -267,7 +267,8 @@ def initial_state(vehicle: Vehicle, damper: Damper, initial: Mapping[str, Any] |
 MOST_STEPS = 1e10
 
 
-def _check_speed(speed: Speed) -> None:
+def check_speed(speed: Speed) -> None:
+    """Refuse speeds that are not positive and finite, where they are known."""
     values = speed.speed if isinstance(speed, SpeedProfile) else speed
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)):
         return
