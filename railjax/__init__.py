@@ -104,8 +104,8 @@ __all__ = [
     "simulate",
     "speed_ramp",
     "state_matrix",
-    "track_matrix",
     "sweep",
+    "track_matrix",
     "use_all_cores",
     "use_double_precision",
 ]

@@ -10,6 +10,7 @@ from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
 from .cli_damper import damper_app
 from .cli_hunting import hunting
 from .cli_simulate import DAMPERS, make_damper
+from .cli_sweep import sweep
 from .errors import InputError, NumericalError
 
 app = typer.Typer(
@@ -19,6 +20,7 @@ app = typer.Typer(
 )
 app.add_typer(damper_app, name="damper")
 app.command()(hunting)
+app.command()(sweep)
 
 
 def main() -> None:
@@ -35,8 +37,10 @@ def status(arguments: list[str]) -> int:
         return _fail(str(error), 2)
     except NumericalError as error:
         return _fail(str(error), 1)
-    except (KeyboardInterrupt, typer.Abort):
-        return _fail("stopped; finished parts are kept", 130)
+    except (KeyboardInterrupt, typer.Abort) as stop:
+        # typer turns the one into the other; a sweep says in it what is kept
+        said = stop.__cause__ if isinstance(stop.__cause__, KeyboardInterrupt) else stop
+        return _fail(str(said) or "stopped; finished parts are kept", 130)
     except typer.Exit as stop:
         return stop.exit_code
     except Exception as error:

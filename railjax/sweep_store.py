@@ -170,10 +170,7 @@ class SweepStore:
             dtype="int16",
             fill_value=int(PointCode.NOT_COMPUTED),
             dimension_names=design.dims,
-            attributes={
-                "meaning": ", ".join(f"{value} {word}" for value, word in ordered.items()),
-                "meanings": json.dumps(ordered),
-            },
+            attributes={"meaning": ", ".join(f"{value} {word}" for value, word in ordered.items())},
         )
         if self.path is not None:
             with warnings.catch_warnings():
