@@ -37,10 +37,8 @@ def status(arguments: list[str]) -> int:
         return _fail(str(error), 2)
     except NumericalError as error:
         return _fail(str(error), 1)
-    except (KeyboardInterrupt, typer.Abort) as stop:
-        # typer turns the one into the other; a sweep says in it what is kept
-        said = stop.__cause__ if isinstance(stop.__cause__, KeyboardInterrupt) else stop
-        return _fail(str(said) or "stopped; finished parts are kept", 130)
+    except (KeyboardInterrupt, typer.Abort):
+        return _fail("stopped; finished parts are kept", 130)
     except typer.Exit as stop:
         return stop.exit_code
     except Exception as error:

@@ -1,6 +1,7 @@
 """`railjax sweep`: a study file on the command line."""
 
 import math
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -43,10 +44,15 @@ def sweep(
     arguments = read_study(study)
     share = _share(part)
     start = time.monotonic()
-    data = run(**arguments, out=out, part=share, progress=True)
+    try:
+        data = run(**arguments, out=out, part=share, progress=True)
+    except KeyboardInterrupt as stop:  # before typer, which would end without a word
+        print(f"railjax: {stop}", file=sys.stderr)
+        raise typer.Exit(130) from None
     codes, ends = summary(data)
     seconds = time.monotonic() - start
-    fitted = calibrated(arguments["vehicle"])
+    varied = tuple(f"{name}:" for name in arguments["over"])
+    fitted = [entry for entry in calibrated(arguments["vehicle"]) if not entry.startswith(varied)]
     content = {
         "study": data.attrs["study"],
         "vehicle": arguments["vehicle"].name,

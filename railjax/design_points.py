@@ -26,7 +26,7 @@ class Design:
 
     kind: str
     names: tuple[str, ...]
-    columns: tuple[Float[np.ndarray, "values"], ...]
+    columns: tuple[Float[np.ndarray, "_"], ...]
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -64,32 +64,49 @@ def _described(value: Any, seen: set[int]) -> str:
     if isinstance(value, (set, frozenset)):
         return f"set({', '.join(sorted(_described(entry, seen) for entry in value))})"
     if isinstance(value, (type, types.ModuleType, types.BuiltinFunctionType)):
-        return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', value.__name__)}"
+        return getattr(value, "__qualname__", value.__name__)
     if isinstance(value, functools.partial):
         return f"partial{_described((value.func, value.args, value.keywords), seen)}"
     if isinstance(value, types.MethodType):
         return f"{value.__func__.__qualname__} of {_described(value.__self__, seen)}"
-    if dataclasses.is_dataclass(value):
-        fields = ", ".join(f"{f.name}={_described(getattr(value, f.name), seen)}" for f in dataclasses.fields(value))
-        return f"{type(value).__qualname__}({fields})"
     wrapped = inspect.unwrap(value) if callable(value) else value
     if isinstance(wrapped, types.FunctionType):
         return _function(wrapped, seen)
-    return f"{type(value).__qualname__} {_digest(pickle.dumps(value))}"
+    return _object(value, seen)
+
+
+def _object(value: Any, seen: set[int]) -> str:
+    """Its class and fields, and what it does when called, unless that is the library's."""
+    kind = type(value)
+    if dataclasses.is_dataclass(value):
+        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    elif hasattr(value, "__dict__"):
+        fields = vars(value)
+    else:
+        return f"{kind.__qualname__} {_digest(pickle.dumps(value))}"
+    told = ", ".join(f"{name}={_described(entry, seen)}" for name, entry in fields.items())
+    own = f" {_described(kind.__call__, seen)}" if callable(value) and not _of_library(kind.__module__) else ""
+    return f"{kind.__qualname__}({told}){own}"
 
 
 def _function(function: Callable, seen: set[int]) -> str:
     """Its code, defaults and closure, and what it uses of its module: values and functions of the same module."""
-    name = f"{function.__module__}.{function.__qualname__}"
-    if id(function) in seen or function.__module__.partition(".")[0] in ("railjax", "jax", "numpy"):
-        return name
+    if _of_library(function.__module__):
+        return f"{function.__module__}.{function.__qualname__}"
+    if id(function) in seen:
+        return function.__qualname__
     seen.add(id(function))
     pieces = [_code(function.__code__), _described((function.__defaults__, function.__kwdefaults__), seen)]
     pieces += [_described(cell.cell_contents, seen) for cell in function.__closure__ or ()]
     for used in sorted(_names(function.__code__)):
         if used in function.__globals__:
             pieces.append(f"{used}: {_described(function.__globals__[used], seen)}")
-    return f"{name} {_digest(*(piece.encode() for piece in pieces))}"
+    return f"{function.__qualname__} {_digest(*(piece.encode() for piece in pieces))}"
+
+
+def _of_library(module: str) -> bool:
+    """Whether code is told by a release, not by itself."""
+    return module.partition(".")[0] in ("railjax", "jax", "jaxlib", "numpy", "scipy")
 
 
 def _code(code: types.CodeType) -> str:

@@ -9,6 +9,7 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -18,7 +19,7 @@ from .named_parameters import placed
 from .simulate import Result, Simulation
 from .sweep_studies import as_dictionary
 
-Points = dict[str, Float[np.ndarray, "lanes"]]
+Points = dict[str, Float[np.ndarray, "_"]]
 
 
 class PointCode(IntEnum):
@@ -41,7 +42,7 @@ class Computed(NamedTuple):
     """A chunk's results (None where every point failed), a code per point, and the errors raised by point number."""
 
     variables: dict[str, Variable] | None
-    code: Int[np.ndarray, "lanes"]
+    code: Int[np.ndarray, "_"]
     meanings: dict[int, str]
     errors: dict[int, str]
 
@@ -126,9 +127,10 @@ def _part(points: Points, start: int, stop: int) -> Points:
 def _run(job: Job, points: Points, lanes: int) -> Computed:
     """The study on a chunk filled up to `lanes` with copies of its last point, so that every chunk has one shape."""
     count = len(next(iter(points.values())))
-    if not getattr(job.study, "traced", True):
-        lanes = count  # what runs in Python has no shape to keep
-    filled = {name: np.pad(values, (0, lanes - count), mode="edge") for name, values in points.items()}
+    if getattr(job.study, "traced", True):
+        filled = {name: jnp.asarray(np.pad(values, (0, lanes - count), mode="edge")) for name, values in points.items()}
+    else:
+        filled, lanes = points, count  # what runs in Python has no shape to keep
     variables, code, meanings = _as_variables(job, job.study(**placed(job.given, filled)), lanes)
     kept = {name: variable._replace(values=variable.values[..., :count]) for name, variable in variables.items()}
     return Computed(kept, code[:count], meanings, {})
