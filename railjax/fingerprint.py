@@ -3,6 +3,7 @@
 A store of results keeps these lines, so that it is only ever continued by the study that began it and can say what differs.
 """
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -78,12 +79,17 @@ def _described(value: Any, seen: set[int]) -> str:
 def _object(value: Any, seen: set[int]) -> str:
     """Its class and fields, and what it does when called, unless that is the library's."""
     kind = type(value)
+    if id(value) in seen:
+        return kind.__qualname__
     if dataclasses.is_dataclass(value):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     elif hasattr(value, "__dict__"):
         fields = vars(value)
     else:
-        return f"{kind.__qualname__} {_digest(pickle.dumps(value))}"
+        with contextlib.suppress(Exception):  # a lock or a file holds no number
+            return f"{kind.__qualname__} {_digest(pickle.dumps(value))}"
+        return kind.__qualname__
+    seen = seen | {id(value)}
     told = ", ".join(f"{name}={_described(entry, seen)}" for name, entry in fields.items())
     own = f" {_described(kind.__call__, seen)}" if callable(value) and not _of_library(kind.__module__) else ""
     return f"{kind.__qualname__}({told}){own}"
