@@ -1,5 +1,6 @@
 """Which points a sweep visits: a grid, a list, a Latin hypercube or Sobol's sequence over named parameters, cut into blocks."""
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,8 +14,6 @@ from .errors import InputError
 DESIGNS = ("grid", "points", "latin-hypercube", "sobol")
 SAMPLED = ("latin-hypercube", "sobol")
 SCALES = ("linear", "log")
-
-Block = tuple[slice, ...]
 
 
 @dataclass(frozen=True)
@@ -43,34 +42,59 @@ class Design:
         """Number of points."""
         return math.prod(self.shape)
 
-    def points(self, block: Block) -> dict[str, Float[np.ndarray, "lanes"]]:
-        """The points of a block, one array per parameter, the last dimension running fastest."""
-        if self.kind != "grid":
-            return {name: column[block[0]] for name, column in zip(self.names, self.columns, strict=True)}
-        axes = [column[cut] for column, cut in zip(self.columns, block, strict=True)]
-        return {name: values.ravel() for name, values in zip(self.names, np.meshgrid(*axes, indexing="ij"), strict=True)}
 
+@dataclass(frozen=True)
+class Blocks:
+    """A design cut into blocks of at most `largest` points, numbered from 0: what is computed, and written, together."""
 
-def block_shape(shape: tuple[int, ...], largest: int) -> tuple[int, ...]:
-    """The block that the dimensions are cut into: at most `largest` points, the last dimensions whole, cuts of even size."""
-    block = []
-    left = largest
-    for count in reversed(shape):
-        pieces = -(-count // min(count, max(left, 1)))
-        block.append(-(-count // pieces))
-        left //= block[-1]
-    return tuple(reversed(block))
+    design: Design
+    largest: int
 
+    @functools.cached_property
+    def shape(self) -> tuple[int, ...]:
+        """Of a full block: the last dimensions whole, cuts of even size."""
+        block = []
+        left = self.largest
+        for count in reversed(self.design.shape):
+            pieces = -(-count // min(count, max(left, 1)))
+            block.append(-(-count // pieces))
+            left //= block[-1]
+        return tuple(reversed(block))
 
-def block_at(shape: tuple[int, ...], block: tuple[int, ...], index: int) -> tuple[tuple[int, ...], Block]:
-    """Position in the grid of blocks, and slices, of block number `index`."""
-    where = tuple(int(k) for k in np.unravel_index(index, blocks_along(shape, block)))
-    return where, tuple(slice(k * b, min((k + 1) * b, n)) for k, b, n in zip(where, block, shape, strict=True))
+    @functools.cached_property
+    def _along(self) -> tuple[int, ...]:
+        return tuple(-(-n // b) for n, b in zip(self.design.shape, self.shape, strict=True))
 
+    @property
+    def count(self) -> int:
+        """Number of blocks."""
+        return math.prod(self._along)
 
-def blocks_along(shape: tuple[int, ...], block: tuple[int, ...]) -> tuple[int, ...]:
-    """Number of blocks along each dimension."""
-    return tuple(-(-n // b) for n, b in zip(shape, block, strict=True))
+    @property
+    def lanes(self) -> int:
+        """Number of points in a full block."""
+        return math.prod(self.shape)
+
+    def position(self, index: int) -> tuple[int, ...]:
+        """Where the block is among the blocks, along each dimension."""
+        return tuple(int(k) for k in np.unravel_index(index, self._along))
+
+    def slices(self, index: int) -> tuple[slice, ...]:
+        """The part of the results that is the block's."""
+        ends = zip(self.position(index), self.shape, self.design.shape, strict=True)
+        return tuple(slice(k * b, min((k + 1) * b, n)) for k, b, n in ends)
+
+    def size(self, index: int) -> int:
+        """Number of points in the block, fewer than `lanes` at the edges."""
+        return math.prod(cut.stop - cut.start for cut in self.slices(index))
+
+    def points(self, index: int) -> dict[str, Float[np.ndarray, "lanes"]]:
+        """The points of the block, one array per parameter, the last dimension running fastest."""
+        design, cut = self.design, self.slices(index)
+        if design.kind != "grid":
+            return {name: column[cut[0]] for name, column in zip(design.names, design.columns, strict=True)}
+        axes = [column[along] for column, along in zip(design.columns, cut, strict=True)]
+        return {name: values.ravel() for name, values in zip(design.names, np.meshgrid(*axes, indexing="ij"), strict=True)}
 
 
 def make_design(over: Mapping[str, Any], kind: str = "grid", samples: int | None = None, seed: int = 0) -> Design:

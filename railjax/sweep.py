@@ -1,4 +1,19 @@
-"""`sweep`: a study over named parameters, chunk by chunk, on all devices or on the workers of an executor."""
+"""`sweep`: a study over named parameters, chunk by chunk, on all devices or on the workers of an executor.
+
+On a cluster, with dask (extra `cluster`); a worker that dies costs the chunks that it had, which others then compute:
+
+    with dask.distributed.Client(address) as client:
+        railjax.sweep(study, over, ..., out="results.zarr", executor=client.get_executor(), in_flight=2 * workers)
+
+On several hosts, without a scheduler: the same script on each, with a store that all of them see. Each takes its share of the
+chunks; a host that fell out is made good by running the script again, with as many hosts as there are:
+
+    jax.distributed.initialize()                       # finds its place by itself under Slurm, MPI and in the clouds
+    data = railjax.sweep(study, over, ..., out="/shared/results.zarr")
+    jax.experimental.multihost_utils.sync_global_devices("swept")     # before anybody reads the results of all
+
+On the GPUs of one host nothing is to be done: `simulate` and `each_point` shard a chunk over all local devices.
+"""
 
 import concurrent.futures
 import contextlib
@@ -13,13 +28,13 @@ from typing import TYPE_CHECKING, Any
 import jax
 
 from .dampers import Damper, check_damper
-from .design_points import SAMPLED, Design, block_at, block_shape, make_design
+from .design_points import SAMPLED, Blocks, Design, make_design
 from .errors import InputError, NumericalError
 from .fingerprint import described, lines, source_of_railjax
 from .named_parameters import check_range, owner, unit_of
 from .progress import Clock, Report, bar
 from .simulate import check_speed
-from .sweep_chunks import Computed, Fault, Job, Points, Settings, compute, packed, work
+from .sweep_chunks import Computed, Fault, Job, Settings, compute, packed, work
 from .sweep_store import SweepStore
 from .sweep_studies import STUDIES, arguments_of
 from .track import Speed, Track, check_track
@@ -92,44 +107,38 @@ def sweep(
 
     Raises `InputError` for anything that cannot be swept, and what the study raises at every point tried of the first chunk.
     """
-    cut = make_design(over, design, samples, seed)
+    points = make_design(over, design, samples, seed)
     given = {"vehicle": vehicle, "speed": speed, "track": track, "damper": damper}
     given = {name: value for name, value in given.items() if value is not None}
-    _check(study, given, cut)
+    _check(study, given, points)
     largest = getattr(study, "chunk", CHUNK) if chunk is None else chunk
     if not isinstance(largest, int) or largest < 1:
         raise InputError(f"chunk must be a number of points, at least 1, not {largest!r}")
     if executor is not None and not callable(getattr(executor, "submit", None)):
-        raise InputError(
-            "executor must have a submit method, like concurrent.futures.ProcessPoolExecutor or dask's client.get_executor()"
-        )
-    block = block_shape(cut.shape, largest)
-    lanes = 1
-    for length in block:
-        lanes *= length
-    named = {**getattr(study, "units", {}), **(units or {})}
-    job = Job(study, given, lanes, named)
-    attributes = _attributes(study, given, cut, samples, seed)
-    parameter_units = {name: named.get(name) or unit_of(given, name) for name in cut.names}
-    store = SweepStore(out, cut, block, parameter_units, attributes, _fingerprint(study, given, cut, block, named))
+        raise InputError("executor must have a submit method, as a ProcessPoolExecutor or dask's client.get_executor()")
     share, shares = _part(part, out)
+    blocks = Blocks(points, largest)
+    named = {**getattr(study, "units", {}), **(units or {})}
+    parameter_units = {name: named.get(name) or unit_of(given, name) for name in points.names}
+    attributes = _attributes(study, given, points, samples, seed)
+    store = SweepStore(out, blocks, parameter_units, attributes, _fingerprint(study, given, blocks, named))
     done = store.done()
-    todo = [k for k in range(share, store.chunks, shares) if not done[k]]
+    ours = range(share, blocks.count, shares)
+    todo = [index for index in ours if not done[index]]
+    job = Job(study, given, blocks.lanes, named)
     if executor is None:
-        results = _here(job, cut, block, todo, store)
+        results = _here(job, blocks, todo, store)
     else:
-        settings = Settings(
-            bool(jax.config.jax_enable_x64), jax.config.jax_num_cpu_devices if worker_devices is None else worker_devices
-        )
-        results = _there(executor, job, settings, cut, block, todo, store, in_flight)
-    ours = range(share, store.chunks, shares)
-    clock = Clock(sum(_count(cut, block, k) for k in ours if done[k]), sum(_count(cut, block, k) for k in ours))
+        devices = jax.config.jax_num_cpu_devices if worker_devices is None else worker_devices
+        settings = Settings(bool(jax.config.jax_enable_x64), devices)
+        results = _there(executor, job, settings, blocks, todo, store, in_flight)
+    clock = Clock(sum(blocks.size(k) for k in ours if done[k]), sum(blocks.size(k) for k in ours))
     with contextlib.ExitStack() as stack:
         report = progress if callable(progress) else stack.enter_context(bar(bool(progress), "sweep"))
         stack.enter_context(contextlib.closing(results))
         try:
             for index, computed in results:
-                _log_errors(cut, block, index, computed)
+                _log_errors(blocks, index, computed)
                 store.write(index, computed)
                 report(clock.advance(len(computed.code)))
         except KeyboardInterrupt:
@@ -203,18 +212,17 @@ def _attributes(study: Any, given: dict[str, Any], design: Design, samples: int 
     }
 
 
-def _fingerprint(
-    study: Any, given: dict[str, Any], design: Design, block: tuple[int, ...], units: dict[str, str]
-) -> dict[str, str]:
+def _fingerprint(study: Any, given: dict[str, Any], blocks: Blocks, units: dict[str, str]) -> dict[str, str]:
     """Everything that the numbers depend on, line by line."""
     from . import __version__
 
+    design = blocks.design
     found = {"study": described(study), "units": described(units), "design": design.kind}
     for name, value in given.items():
         found |= lines(name, without_labels(value) if isinstance(value, Vehicle) else value)
     found |= {f"over {name}": described(column) for name, column in zip(design.names, design.columns, strict=True)}
     return found | {
-        "chunk": described(block),
+        "chunk": described(blocks.shape),
         "double precision": str(bool(jax.config.jax_enable_x64)),
         "railjax": f"{__version__} ({source_of_railjax()})",
         "jax": jax.__version__,
@@ -231,28 +239,16 @@ def _part(part: tuple[int, int] | None, out: Any) -> tuple[int, int]:
     return share, shares
 
 
-def _count(design: Design, block: tuple[int, ...], index: int) -> int:
-    count = 1
-    for along in block_at(design.shape, block, index)[1]:
-        count *= along.stop - along.start
-    return count
-
-
-def _points(design: Design, block: tuple[int, ...], index: int) -> Points:
-    return design.points(block_at(design.shape, block, index)[1])
-
-
-def _here(job: Job, design: Design, block: tuple[int, ...], todo: list[int], store: SweepStore) -> Iterator[tuple[int, Computed]]:
+def _here(job: Job, blocks: Blocks, todo: list[int], store: SweepStore) -> Iterator[tuple[int, Computed]]:
     for index in todo:
-        yield index, compute(job, _points(design, block, index), first=store.group is None)
+        yield index, compute(job, blocks.points(index), first=store.group is None)
 
 
 def _there(
     executor: Any,
     job: Job,
     settings: Settings,
-    design: Design,
-    block: tuple[int, ...],
+    blocks: Blocks,
     todo: list[int],
     store: SweepStore,
     in_flight: int | None,
@@ -268,7 +264,7 @@ def _there(
     def submit(index: int) -> None:
         tries[index] += 1
         try:
-            future = executor.submit(work, settings, key, parcel, _points(design, block, index), store.group is None)
+            future = executor.submit(work, settings, key, parcel, blocks.points(index), store.group is None)
         except concurrent.futures.BrokenExecutor as error:
             raise NumericalError(f"a worker of the executor died ({error}); finished chunks are kept") from None
         waiting[future] = index
@@ -303,10 +299,10 @@ def _there(
             future.cancel()
 
 
-def _log_errors(design: Design, block: tuple[int, ...], index: int, computed: Computed) -> None:
+def _log_errors(blocks: Blocks, index: int, computed: Computed) -> None:
     if not computed.errors:
         return
     first = min(computed.errors)
-    where = ", ".join(f"{name} = {values[first]:g}" for name, values in _points(design, block, index).items())
+    where = ", ".join(f"{name} = {values[first]:g}" for name, values in blocks.points(index).items())
     count = len(computed.errors)
     log.warning("%d point(s) of chunk %d raised an error; the first, at %s: %s", count, index, where, computed.errors[first])

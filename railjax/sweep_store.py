@@ -5,7 +5,6 @@ renamed. The code of a chunk is written last, when its results are on the disk: 
 """
 
 import json
-import math
 import os
 import shutil
 import tempfile
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .design_points import Design, block_at, blocks_along
+from .design_points import Blocks
 from .errors import InputError
 from .sweep_chunks import Computed, PointCode, Variable, nothing
 
@@ -33,14 +32,13 @@ class SweepStore:
     def __init__(
         self,
         path: str | os.PathLike | None,
-        design: Design,
-        block: tuple[int, ...],
+        blocks: Blocks,
         units: dict[str, str],
         attributes: dict[str, Any],
         fingerprint: dict[str, str],
     ):
         self.path = None if path is None else Path(path)
-        self.design, self.block, self.units = design, block, units
+        self.blocks, self.design, self.units = blocks, blocks.design, units
         self.attributes, self.fingerprint = attributes, fingerprint
         self.group: zarr.Group | None = None
         if self.path is None:
@@ -50,19 +48,14 @@ class SweepStore:
         if os.path.lexists(self.path):
             self._open()
 
-    @property
-    def chunks(self) -> int:
-        """Number of chunks."""
-        return math.prod(blocks_along(self.design.shape, self.block))
-
     def done(self) -> list[bool]:
         """Which chunks are there."""
         if self.group is None:
-            return [False] * self.chunks
-        return [self._is_done(k) for k in range(self.chunks)]
+            return [False] * self.blocks.count
+        return [self._is_done(k) for k in range(self.blocks.count)]
 
     def _is_done(self, index: int) -> bool:
-        where, cut = block_at(self.design.shape, self.block, index)
+        where, cut = self.blocks.position(index), self.blocks.slices(index)
         if self.path is not None and not self._file("code", where).exists():
             return False
         try:
@@ -72,7 +65,7 @@ class SweepStore:
 
     def write(self, index: int, computed: Computed) -> None:
         """Keep a chunk's results; the first that has any also says what the store holds."""
-        where, cut = block_at(self.design.shape, self.block, index)
+        where, cut = self.blocks.position(index), self.blocks.slices(index)
         if self.group is None:
             self._create(computed)
         lengths = tuple(c.stop - c.start for c in cut)
@@ -156,7 +149,7 @@ class SweepStore:
             group.create_array(
                 name,
                 shape=(*design.shape, *own),
-                chunks=(*self.block, *(max(n, 1) for n in own)),
+                chunks=(*self.blocks.shape, *(max(n, 1) for n in own)),
                 dtype=dtype,
                 fill_value=np.array(np.nan if dtype.kind in "fc" else 0, dtype)[()],
                 dimension_names=(*design.dims, *variable.dims),
@@ -166,7 +159,7 @@ class SweepStore:
         group.create_array(
             "code",
             shape=design.shape,
-            chunks=self.block,
+            chunks=self.blocks.shape,
             dtype="int16",
             fill_value=int(PointCode.NOT_COMPUTED),
             dimension_names=design.dims,

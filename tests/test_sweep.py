@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import qmc
 
 import railjax
-from railjax.design_points import block_at, block_shape, blocks_along, make_design
+from railjax.design_points import Blocks, Design, make_design
 from railjax.fingerprint import described, lines
 from railjax.named_parameters import placed, unit_of
 from railjax.sweep_chunks import PointCode
@@ -32,17 +32,17 @@ def growth(vehicle, speed):
 
 def test_a_grid_has_all_combinations_with_the_last_parameter_running_fastest():
     design = make_design({"a": [1.0, 2.0], "b": [3, 4, 5]})
-    points = design.points((slice(0, 2), slice(0, 3)))
-    assert design.shape == (2, 3)
+    points = Blocks(design, 10).points(0)
+    assert (design.dims, design.shape) == (("a", "b"), (2, 3))
     assert points["a"].tolist() == [1, 1, 1, 2, 2, 2]
     assert points["b"].tolist() == [3, 4, 5, 3, 4, 5]
-    assert design.points((slice(1, 2), slice(1, 3)))["b"].tolist() == [4, 5]
+    assert Blocks(design, 2).points(3)["b"].tolist() == [5]
 
 
 def test_a_list_of_points_keeps_its_rows():
     design = make_design({"a": [1.0, 2.0, 3.0], "b": [6.0, 5.0, 4.0]}, "points")
     assert (design.dims, design.shape) == (("point",), (3,))
-    assert {name: values.tolist() for name, values in design.points((slice(1, 3),)).items()} == {"a": [2, 3], "b": [5, 4]}
+    assert {name: values.tolist() for name, values in Blocks(design, 2).points(1).items()} == {"a": [3], "b": [4]}
 
 
 @pytest.mark.parametrize("samples", [1, 2, 5, 16, 100])
@@ -63,14 +63,18 @@ def test_samples_are_scipys(samples):
 @settings(deadline=None, max_examples=50)
 @given(shape=st.lists(st.integers(1, 9), min_size=1, max_size=3), largest=st.integers(1, 200))
 def test_blocks_cover_every_point_once_and_are_no_larger_than_asked(shape, largest):
-    block = block_shape(tuple(shape), largest)
-    assert np.prod(block) <= largest
+    axes = tuple(np.arange(float(n)) for n in shape)
+    blocks = Blocks(Design("grid", tuple("abc"[: len(shape)]), axes), largest)
+    assert blocks.lanes <= largest
     seen = np.zeros(shape, int)
-    for index in range(np.prod(blocks_along(tuple(shape), block))):
-        seen[block_at(tuple(shape), block, index)[1]] += 1
+    for index in range(blocks.count):
+        points = blocks.points(index)
+        seen[tuple(points[name].astype(int) for name in points)] += 1
+        assert blocks.size(index) == len(points["a"]) <= blocks.lanes
+        assert np.all(seen[blocks.slices(index)] == 1)
     assert np.all(seen == 1)
     if largest >= np.prod(shape):
-        assert block == tuple(shape)
+        assert blocks.shape == tuple(shape)
 
 
 @pytest.mark.parametrize(
@@ -196,15 +200,26 @@ def test_a_lane_that_cannot_be_run_is_nan_with_its_code_and_the_others_are_kept(
     assert "-3 not_computed" in found["code"].attrs["meaning"]
 
 
-def test_critical_speeds_are_those_of_linear_critical(coach):
-    conicities = [0.001, 0.1, 0.2]
-    found = railjax.sweep(railjax.CriticalSpeed(), {"contact.conicity": conicities}, vehicle=coach)
-    alone = railjax.linear_critical(railjax.replace(coach, contact__conicity=jnp.array(conicities)))
+def test_critical_speeds_are_those_of_linear_and_nonlinear_critical():
+    wheelset = railjax.load_vehicle("single-wheelset")
+    conicities = [0.0001, 0.1, 0.15]
+    lanes = railjax.replace(wheelset, contact__conicity=jnp.array(conicities))
+    found = railjax.sweep(railjax.CriticalSpeed(), {"contact.conicity": conicities}, vehicle=wheelset)
+    alone = railjax.linear_critical(lanes)
     np.testing.assert_allclose(found["critical_speed"], alone.speed, rtol=1e-12)
     np.testing.assert_allclose(found["critical_frequency"], alone.frequency, rtol=1e-9)
     assert found["code"].values.tolist() == [railjax.Stability.STABLE, 0, 0]
+    assert "1 stable" in found["code"].attrs["meaning"]
     assert np.isinf(found["critical_speed"].values[0])
     assert found["critical_speed"].attrs["units"] == "m/s"
+
+    found = railjax.sweep(railjax.NonlinearCriticalSpeed(), {"contact.conicity": conicities}, vehicle=wheelset)
+    alone = railjax.nonlinear_critical(lanes)
+    np.testing.assert_allclose(found["nonlinear_critical_speed"], alone.speed, rtol=1e-9)
+    np.testing.assert_allclose(found["fold_amplitude"], alone.amplitude, rtol=1e-6)
+    np.testing.assert_array_equal(found["critical_speed"], alone.linear.speed)
+    assert found["code"].values.tolist() == [2, 0, 0]
+    assert "2 stable" in found["code"].attrs["meaning"]
 
 
 def test_the_least_damping_is_that_of_modes(coach):
@@ -305,7 +320,7 @@ def test_results_that_are_none_are_refused(study, message):
 def test_a_run_without_reductions_is_refused():
     def study(speed):
         nothing = jnp.zeros_like(speed)
-        return railjax.Simulation(jnp.zeros(1), {"wheelset_y": nothing}, {}, nothing, nothing.astype(int), speed, 1e-3)
+        return railjax.Simulation(jnp.zeros(1), {"wheelset_y": nothing[None]}, {}, nothing, nothing.astype(int), speed, 1e-3)
 
     with pytest.raises(railjax.InputError, match="run without reductions"):
         railjax.sweep(study, {"speed": SPEEDS})
