@@ -14,6 +14,8 @@ from .errors import InputError
 DESIGNS = ("grid", "points", "latin-hypercube", "sobol")
 SAMPLED = ("latin-hypercube", "sobol")
 SCALES = ("linear", "log")
+#: of a column, which is kept in memory; more is a slip of the keyboard
+MOST_POINTS = 10**8
 
 
 @dataclass(frozen=True)
@@ -137,8 +139,8 @@ def _column(name: str, values: Any) -> Float[np.ndarray, "values"]:
 def _sampled(over: Mapping[str, Any], kind: str, samples: int | None, seed: int) -> list[Float[np.ndarray, "values"]]:
     from scipy.stats import qmc  # here, for a quick import of railjax
 
-    if not isinstance(samples, int) or isinstance(samples, bool) or samples < 1:
-        raise InputError(f"a {kind} design needs samples=, the number of points, at least 1")
+    if not isinstance(samples, int) or isinstance(samples, bool) or not 1 <= samples <= MOST_POINTS:
+        raise InputError(f"a {kind} design needs samples=, the number of points, from 1 to {MOST_POINTS}")
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise InputError(f"seed must be an integer from 0, not {seed!r}")
     ranges = [_range(name, given) for name, given in over.items()]

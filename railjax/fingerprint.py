@@ -81,22 +81,24 @@ def _object(value: Any, seen: set[int]) -> str:
     kind = type(value)
     if id(value) in seen:
         return kind.__qualname__
+    own = ""
     if dataclasses.is_dataclass(value):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-    elif hasattr(value, "__dict__"):
+    elif callable(value) and hasattr(value, "__dict__"):
         fields = vars(value)
     else:
         with contextlib.suppress(Exception):  # a lock or a file holds no number
             return f"{kind.__qualname__} {_digest(pickle.dumps(value))}"
         return kind.__qualname__
     seen = seen | {id(value)}
+    if callable(value) and not _of_library(kind.__module__):
+        own = f" {_described(kind.__call__, seen)}"
     told = ", ".join(f"{name}={_described(entry, seen)}" for name, entry in fields.items())
-    own = f" {_described(kind.__call__, seen)}" if callable(value) and not _of_library(kind.__module__) else ""
     return f"{kind.__qualname__}({told}){own}"
 
 
 def _function(function: Callable, seen: set[int]) -> str:
-    """Its code, defaults and closure, and what it uses of its module: values and functions of the same module."""
+    """Its code, defaults and closure, and the values and functions that it names; not what it reaches through a module."""
     if _of_library(function.__module__):
         return f"{function.__module__}.{function.__qualname__}"
     if id(function) in seen:
@@ -116,7 +118,7 @@ def _of_library(module: str) -> bool:
 
 
 def _code(code: types.CodeType) -> str:
-    constants = [_code(c) if isinstance(c, types.CodeType) else repr(c) for c in code.co_consts]
+    constants = [_code(c) if isinstance(c, types.CodeType) else _described(c, set()) for c in code.co_consts]
     return f"{code.co_code.hex()} {constants} {code.co_names} {code.co_varnames}"
 
 

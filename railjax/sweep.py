@@ -116,6 +116,8 @@ def sweep(
         raise InputError(f"chunk must be a number of points, at least 1, not {largest!r}")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise InputError("executor must have a submit method, as a ProcessPoolExecutor or dask's client.get_executor()")
+    if in_flight is not None and not in_flight >= 1:
+        raise InputError(f"in_flight must be a number of chunks, at least 1, not {in_flight}")
     share, shares = _part(part, out)
     blocks = Blocks(points, largest)
     named = {**getattr(study, "units", {}), **(units or {})}
@@ -232,7 +234,7 @@ def _fingerprint(study: Any, given: dict[str, Any], blocks: Blocks, units: dict[
 def _part(part: tuple[int, int] | None, out: Any) -> tuple[int, int]:
     """Which share of the chunks is this process's: (0, 1) unless there are several."""
     share, shares = (jax.process_index(), jax.process_count()) if part is None else part
-    if not 0 <= share < shares:
+    if not (isinstance(share, int) and isinstance(shares, int) and 0 <= share < shares):
         raise InputError(f"part must be (k, n) with k from 0 to n - 1, not {part}")
     if shares > 1 and out is None:
         raise InputError("processes that share a sweep need one store: give out=")

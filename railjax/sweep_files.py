@@ -4,6 +4,7 @@ Nothing in a file is run as code: studies, tracks and dampers are known by name.
 """
 
 import dataclasses
+import os
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from .cli_simulate import make_damper
-from .design_points import DESIGNS, SAMPLED, SCALES
+from .cli_simulate import DAMPERS, make_damper
+from .design_points import DESIGNS, MOST_POINTS, SAMPLED, SCALES
 from .errors import InputError
 from .named_parameters import UNITS
 from .sweep_studies import STUDIES, arguments_of
@@ -84,8 +85,8 @@ def _read(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
     found: dict[str, Any] = {"study": _study(kind, _table(raw, "options"))}
     if not isinstance(raw.get("vehicle"), str):
         raise InputError('missing key vehicle, like vehicle = "coach"')
-    beside = folder / raw["vehicle"]
-    vehicle = load_vehicle(str(beside) if beside.is_file() else raw["vehicle"])
+    beside = os.path.join(folder, raw["vehicle"])
+    vehicle = load_vehicle(beside if os.path.isfile(beside) else raw["vehicle"])  # not Path.is_file, which raises for some names
     found["vehicle"] = vehicle
     given = [key for key in SPEEDS if key in raw]
     if len(given) > 1:
@@ -195,8 +196,6 @@ def _track(table: dict[str, Any]) -> Any:
 
 
 def _damper(table: dict[str, Any], vehicle: Vehicle, speed: float | None) -> Any:
-    from .cli_simulate import DAMPERS
-
     kind = _one_of(table, "kind", DAMPERS, "damper.")
     if kind == "clipped-lqr" and speed is None:
         raise InputError("damper.kind clipped-lqr is designed at a speed: give speed_kmh")
@@ -272,6 +271,6 @@ def _values(value: Any, factor: float, design: str, name: str) -> Any:
     if sampled:
         return (low, high, scale)
     count = value["points"]
-    if not isinstance(count, int) or isinstance(count, bool) or count < 1:
-        raise InputError(f"{name}.points must be a whole number, at least 1, not {shown(count)}")
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_POINTS:
+        raise InputError(f"{name}.points must be a whole number from 1 to {MOST_POINTS}, not {shown(count)}")
     return np.geomspace(low, high, count) if scale == "log" else np.linspace(low, high, count)

@@ -1,6 +1,10 @@
 """Sweeps: designs, studies, results with units and codes; what raises is marked, nothing is kept in memory."""
 
 import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -19,6 +23,7 @@ from railjax.sweep_chunks import PointCode
 
 SPEEDS = np.array([50.0, 60.0, 70.0])
 CONICITIES = [0.1, 0.2]
+HERE = Path(__file__).parent
 
 
 def growth(vehicle, speed):
@@ -111,6 +116,8 @@ def test_blocks_cover_every_point_once_and_are_no_larger_than_asked(shape, large
         ({"speed": [50.0]}, {"vehicle": None}, "needs vehicle: give vehicle="),
         ({"speed": [50.0]}, {"chunk": 0}, "chunk must be"),
         ({"speed": [50.0]}, {"executor": 3}, "executor must have a submit method"),
+        ({"speed": [50.0]}, {"in_flight": 0}, "in_flight must be"),
+        ({"speed": (50.0, 60.0)}, {"design": "sobol", "samples": 10**12}, "from 1 to 100000000"),
         ({"speed": [50.0]}, {"part": (2, 2)}, "part must be"),
         ({"speed": [50.0]}, {"part": (0, 2)}, "give out="),
     ],
@@ -422,6 +429,31 @@ def test_functions_are_told_apart_by_what_they_compute(monkeypatch):
     monkeypatch.setitem(globals(), "FACTOR", 3.0)
     assert described(with_global) != before
     assert described(railjax.each_point(with_global)) == described(with_global)
+
+
+def test_functions_are_told_the_same_in_another_process():
+    code = (
+        "import test_sweep, railjax\n"
+        "from railjax.fingerprint import described\n"
+        "print(*[described(value) for value in (test_sweep.with_global, test_sweep.with_set, railjax.ForcedRun())], sep='|')"
+    )
+    # strings hash differently in every process, so sets come in another order
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(HERE.parent)},
+            cwd=HERE,
+        )
+        for seed in ("1", "2")
+    ]
+    here = "|".join(described(value) for value in (with_global, with_set, railjax.ForcedRun()))
+    assert [run.stdout.strip() for run in found] == [here, here], found[0].stderr
+
+
+def with_set(speed, kind="a"):
+    return speed if kind in {"a", "b", "c", "d"} else -speed
 
 
 def test_every_parameter_has_a_line_of_its_own(coach):

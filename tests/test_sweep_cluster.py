@@ -148,7 +148,7 @@ def test_the_number_of_devices_does_not_touch_the_numbers():
         )
         for count in ("1", "4")
     ]
-    (one, error), (four, _) = (process.communicate(timeout=120) for process in processes)
+    (one, error), (four, _) = (process.communicate(timeout=300) for process in processes)
     assert [process.returncode for process in processes] == [0, 0], error
     assert len(one.splitlines()) == 2
     assert one == four
@@ -171,7 +171,7 @@ def test_two_processes_share_a_sweep(expected, tmp_path):
         for k in range(2)
     ]
     for process in processes:
-        out, error = process.communicate(timeout=120)
+        out, error = process.communicate(timeout=300)
         assert process.returncode == 0, error
         lines = [line for line in out.splitlines() if "Gloo" not in line]
         # five of the ten chunks each; after the barrier every point is there

@@ -213,7 +213,7 @@ def stopped_after(process, points, how):
             break
     time.sleep(0.1)
     process.send_signal(how)
-    _, error = process.communicate(timeout=60)
+    _, error = process.communicate(timeout=300)
     return error
 
 
