@@ -87,7 +87,8 @@ def sweep(
 
     is one. It returns a dictionary (or named tuple) of arrays with the points on the last axis, an optional "code" (0: ok) among
     them, or a `Simulation`, of which the reductions are kept. What is written for one point is wrapped in `each_point`.
-    Ready-made, with units and codes: `ForcedRun`, `CriticalSpeed`, `NonlinearCriticalSpeed`, `LeastDamping`.
+    Ready-made: `ForcedRun`, `CriticalSpeed`, `NonlinearCriticalSpeed`, `LeastDamping`. As these, a study may have attributes
+    `units` and `dims` (of the axes before the points) by result, `codes` (an `IntEnum`) and `chunk`.
 
     The points. `over` names parameters: "speed" (m/s), "primary.stiffness_x" (of the vehicle), "track.amplitude", "damper.alpha", or an
     argument of the study's own; values in SI. `design`, `samples` and `seed` as in `make_design`: a "grid" of {name: values}
@@ -120,6 +121,8 @@ def sweep(
         raise InputError(f"in_flight must be a number of chunks, at least 1, not {in_flight}")
     share, shares = _part(part, out)
     blocks = Blocks(points, largest)
+    if shares > blocks.count:
+        raise InputError(f"{shares} processes share {blocks.count} chunk(s), so some have nothing to do: give a smaller chunk")
     named = {**getattr(study, "units", {}), **(units or {})}
     parameter_units = {name: named.get(name) or unit_of(given, name) for name in points.names}
     attributes = _attributes(study, given, points, samples, seed)
@@ -144,12 +147,8 @@ def sweep(
                 store.write(index, computed)
                 report(clock.advance(len(computed.code)))
         except KeyboardInterrupt:
-            kept = (
-                f"{clock.done} of {clock.total} points are in {out}; the same again goes on from there"
-                if out
-                else "nothing is kept"
-            )
-            raise KeyboardInterrupt(f"stopped: {kept}") from None
+            kept = f"{clock.done} of {clock.total} points are in {out}; the same again goes on from there"
+            raise KeyboardInterrupt(f"stopped: {kept if out else 'nothing is kept without out='}") from None
     return store.dataset()
 
 

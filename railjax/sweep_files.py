@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .cli_simulate import DAMPERS, make_damper
+from .deflections import UNITS as COORDINATES
 from .design_points import DESIGNS, MOST_POINTS, SAMPLED, SCALES
 from .errors import InputError
 from .named_parameters import UNITS
@@ -44,6 +45,7 @@ reduce = ["rms:carbody_acceleration", "peak:guiding_force"]
 duration_s = 10
 dt_ms = 1
 settle_s = 2
+# initial = { wheelset_y_mm = 5 }     # else at rest
 
 [track]
 kind = "sinusoid"                     # or bump, tangent
@@ -131,7 +133,9 @@ def _study(kind: str, options: dict[str, Any]) -> Any:
     values: dict[str, Any] = {}
     for key, value in options.items():
         name = f"options.{key}"
-        if key in accepted and "unit" in accepted[key][0].metadata:
+        if key == "initial" and "initial" in {f.name for f in dataclasses.fields(STUDIES[kind])}:
+            values["initial"] = _initial(value)
+        elif key in accepted and "unit" in accepted[key][0].metadata:
             field, factor = accepted[key]
             _once(values, field.name, name)
             values[field.name] = number(value, name) * factor
@@ -143,6 +147,25 @@ def _study(kind: str, options: dict[str, Any]) -> Any:
                 raise InputError(f"unknown key {name}: the study {kind!r} has no options")
             raise InputError(f"unknown key {name}{nearest(key, known, 'options')}")
     return STUDIES[kind](**values)
+
+
+def _initial(table: Any) -> dict[str, float]:
+    """Coordinates (and rates) at the start, by name: wheelset_y_mm, bogie_psi_mrad, carbody_y_rate_m_per_s."""
+    if not isinstance(table, dict):
+        raise InputError("options.initial must be a table of coordinates, like { wheelset_y_mm = 5 }")
+    accepted = {}
+    for name, unit in COORDINATES.items():
+        for prefix, factor in (("", 1.0), ("m", 1e-3)):
+            accepted[f"{name}_{prefix}{unit}"] = name, factor
+            accepted[f"{name}_rate_{prefix}{unit}_per_s"] = f"{name}_rate", factor
+    values: dict[str, float] = {}
+    for key, value in table.items():
+        if key not in accepted:
+            raise InputError(f"unknown key options.initial.{key}{nearest(key, list(accepted), 'options.initial')}")
+        name, factor = accepted[key]
+        _once(values, name, f"options.initial.{key}")
+        values[name] = number(value, f"options.initial.{key}") * factor
+    return values
 
 
 def _plain(field: dataclasses.Field, value: Any, name: str) -> Any:

@@ -120,6 +120,7 @@ def test_blocks_cover_every_point_once_and_are_no_larger_than_asked(shape, large
         ({"speed": (50.0, 60.0)}, {"design": "sobol", "samples": 10**12}, "from 1 to 100000000"),
         ({"speed": [50.0]}, {"part": (2, 2)}, "part must be"),
         ({"speed": [50.0]}, {"part": (0, 2)}, "give out="),
+        ({"speed": [50.0]}, {"part": (0, 2), "out": "s.zarr"}, "2 processes share 1 chunk(s)"),
     ],
 )
 def test_what_cannot_be_swept_is_refused_in_one_line(coach, over, options, message):

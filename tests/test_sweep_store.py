@@ -304,6 +304,12 @@ def test_the_command_line_computes_and_tells(command, tmp_path, coach):
     assert len(error.splitlines()) == 1
 
 
+def test_a_run_may_start_from_a_disturbance(tmp_path):
+    initial = "[options.initial]\nwheelset_y_mm = 5\nbogie_psi_rate_mrad_per_s = 2"
+    (tmp_path / "study.toml").write_text(OTHER + initial)
+    assert read_study(tmp_path / "study.toml")["study"].initial == {"wheelset_y": 5e-3, "bogie_psi_rate": 2e-3}
+
+
 def test_vehicles_are_found_beside_the_study(command, tmp_path):
     (tmp_path / "mine.toml").write_text('base = "coach"\nname = "mine"\n')
     (tmp_path / "study.toml").write_text(SMALL.replace('"coach"', '"mine.toml"'))
@@ -360,6 +366,9 @@ OTHER = SMALL.replace('"least-damping"', '"forced-run"')
         (OTHER + "[options]\nduration_s = 0", "duration must be a positive number"),
         (OTHER + "[options]\nreduce = [3]", "options.reduce must be a list of names"),
         (OTHER + '[options]\nreduce = ["rms:speed"]', "unknown channel 'speed'"),
+        (OTHER + "[options]\ninitial = 3", "must be a table of coordinates"),
+        (OTHER + "[options.initial]\nwheelset_y = 3", "did you mean options.initial.wheelset_y_m"),
+        (OTHER + "[options.initial]\nwheelset_y_mm = 3\nwheelset_y_m = 3", "wheelset_y is given twice"),
         (OTHER + '[track]\nkind = "wavy"', "track.kind must be one of tangent, sinusoid, bump"),
         (OTHER + '[track]\nkind = "sinusoid"\namplitude_mm = 5', "missing key track.wavelength_m"),
         (OTHER + '[track]\nkind = "sinusoid"\namplitude = 5', "did you mean track.amplitude_m"),
