@@ -1,7 +1,9 @@
-"""How far a long computation is: rate and time left, for a callback or as a bar."""
+"""How far a long computation is: rate and time left, for a callback or as a bar; and how it is stopped."""
 
 import contextlib
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -60,3 +62,27 @@ def _spoken(seconds: float) -> str:
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{seconds:02d}"
+
+
+@contextlib.contextmanager
+def stoppable(message: str) -> Iterator[Callable[[], bool]]:
+    """Within it the first Ctrl-C only says `message`, and the function given tells that it came; the second interrupts.
+
+    A `KeyboardInterrupt` anywhere would be lost where Python calls back from JAX, and would tear a file that is being written.
+    """
+    came = threading.Event()
+
+    def note(number: int, frame: object) -> None:
+        if came.is_set():
+            raise KeyboardInterrupt
+        came.set()
+        print(f"railjax: {message}", file=sys.stderr)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield came.is_set  # signals are for the main thread
+        return
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield came.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)

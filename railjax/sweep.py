@@ -32,7 +32,7 @@ from .design_points import SAMPLED, Blocks, Design, make_design
 from .errors import InputError, NumericalError
 from .fingerprint import described, lines, source_of_railjax
 from .named_parameters import check_range, owner, unit_of
-from .progress import Clock, Report, bar
+from .progress import Clock, Report, bar, stoppable
 from .simulate import check_speed
 from .sweep_chunks import Computed, Fault, Job, Settings, compute, packed, work
 from .sweep_store import SweepStore
@@ -126,30 +126,34 @@ def sweep(
     named = {**getattr(study, "units", {}), **(units or {})}
     parameter_units = {name: named.get(name) or unit_of(given, name) for name in points.names}
     attributes = _attributes(study, given, points, samples, seed)
-    store = SweepStore(out, blocks, parameter_units, attributes, _fingerprint(study, given, blocks, named))
-    done = store.done()
-    ours = range(share, blocks.count, shares)
-    todo = [index for index in ours if not done[index]]
+    fingerprint = _fingerprint(study, given, blocks, named)
     job = Job(study, given, blocks.lanes, named)
-    if executor is None:
-        results = _here(job, blocks, todo, store)
-    else:
-        devices = jax.config.jax_num_cpu_devices if worker_devices is None else worker_devices
-        settings = Settings(bool(jax.config.jax_enable_x64), devices)
-        results = _there(executor, job, settings, blocks, todo, store, in_flight)
-    clock = Clock(sum(blocks.size(k) for k in ours if done[k]), sum(blocks.size(k) for k in ours))
     with contextlib.ExitStack() as stack:
-        report = progress if callable(progress) else stack.enter_context(bar(bool(progress), "sweep"))
+        stop = stack.enter_context(stoppable("stopping after this chunk; Ctrl-C again stops at once"))
+        store = SweepStore(out, blocks, parameter_units, attributes, fingerprint)
+        done = store.done()
+        ours = range(share, blocks.count, shares)
+        todo = [index for index in ours if not done[index]]
+        if executor is None:
+            results = _here(job, blocks, todo, store)
+        else:
+            devices = jax.config.jax_num_cpu_devices if worker_devices is None else worker_devices
+            settings = Settings(bool(jax.config.jax_enable_x64), devices)
+            results = _there(executor, job, settings, blocks, todo, store, in_flight)
         stack.enter_context(contextlib.closing(results))
+        clock = Clock(sum(blocks.size(k) for k in ours if done[k]), sum(blocks.size(k) for k in ours))
+        report = progress if callable(progress) else stack.enter_context(bar(bool(progress), "sweep"))
         try:
             for index, computed in results:
                 _log_errors(blocks, index, computed)
                 store.write(index, computed)
                 report(clock.advance(len(computed.code)))
+                if stop() and clock.done < clock.total:
+                    raise KeyboardInterrupt
         except KeyboardInterrupt:
             kept = f"{clock.done} of {clock.total} points are in {out}; the same again goes on from there"
             raise KeyboardInterrupt(f"stopped: {kept if out else 'nothing is kept without out='}") from None
-    return store.dataset()
+        return store.dataset()
 
 
 def _check(study: Callable[..., Any], given: dict[str, Any], design: Design) -> None:
