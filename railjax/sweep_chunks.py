@@ -62,28 +62,27 @@ def compute(job: Job, points: Points, first: bool = False) -> Computed:
 
     In a `first` chunk an error at its first, middle and last point alike is taken for a fault of the study, and raised.
     """
-    count = len(next(iter(points.values())))
+    count = _count(points)
     try:
         return _run(job, points, job.lanes)
     except Exception as error:
-        probes = {0, count // 2, count - 1}
-        if first and all(_fails(job, _part(points, k, k + 1)) for k in probes):
+        if first and all(_fails(job, _part(points, k, k + 1)) for k in {0, count // 2, count - 1}):
             raise
-        if count == 1:
-            return _failed(1, error)
-    return _narrowed(job, points)
+        return _narrowed(job, points, error)
 
 
-def _narrowed(job: Job, points: Points) -> Computed:
+def _narrowed(job: Job, points: Points, error: Exception) -> Computed:
     """Two halves by themselves, not filled up: a chunk too large for the memory gets smaller this way."""
-    count = len(next(iter(points.values())))
+    count = _count(points)
+    if count == 1:
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        return Computed(None, np.full(1, PointCode.RAISED, np.int16), {}, {0: text})
     halves = []
-    for start, stop in ((0, count // 2), (count // 2, count)):
-        half = _part(points, start, stop)
+    for half in (_part(points, 0, count // 2), _part(points, count // 2, count)):
         try:
-            halves.append(_run(job, half, stop - start))
-        except Exception as error:
-            halves.append(_failed(1, error) if stop - start == 1 else _narrowed(job, half))
+            halves.append(_run(job, half, _count(half)))
+        except Exception as reason:
+            halves.append(_narrowed(job, half, reason))
     return _joined(halves)
 
 
@@ -107,11 +106,6 @@ def nothing(model: Variable, lanes: int) -> np.ndarray:
     return np.full((*model.values.shape[:-1], lanes), np.nan if kind.kind in "fc" else 0, kind)
 
 
-def _failed(lanes: int, error: Exception) -> Computed:
-    text = " ".join(f"{type(error).__name__}: {error}".split())
-    return Computed(None, np.full(lanes, PointCode.RAISED, np.int16), {}, dict.fromkeys(range(lanes), text))
-
-
 def _fails(job: Job, points: Points) -> bool:
     try:
         _run(job, points, 1)
@@ -120,13 +114,17 @@ def _fails(job: Job, points: Points) -> bool:
     return False
 
 
+def _count(points: Points) -> int:
+    return len(next(iter(points.values())))
+
+
 def _part(points: Points, start: int, stop: int) -> Points:
     return {name: values[start:stop] for name, values in points.items()}
 
 
 def _run(job: Job, points: Points, lanes: int) -> Computed:
     """The study on a chunk filled up to `lanes` with copies of its last point, so that every chunk has one shape."""
-    count = len(next(iter(points.values())))
+    count = _count(points)
     if getattr(job.study, "traced", True):
         filled = {name: jnp.asarray(np.pad(values, (0, lanes - count), mode="edge")) for name, values in points.items()}
     else:

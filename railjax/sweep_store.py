@@ -41,6 +41,7 @@ class SweepStore:
         self.blocks, self.design, self.units = blocks, blocks.design, units
         self.attributes, self.fingerprint = attributes, fingerprint
         self.group: zarr.Group | None = None
+        self.arrays: dict[str, zarr.Array] = {}
         if self.path is None:
             return
         if not self.path.parent.is_dir():
@@ -59,21 +60,27 @@ class SweepStore:
         if self.path is not None and not self._file("code", where).exists():
             return False
         try:
-            return not np.any(self.group["code"][cut] == PointCode.NOT_COMPUTED)
+            return not np.any(self.arrays["code"][cut] == PointCode.NOT_COMPUTED)
         except Exception:  # a file that a loss of power left in pieces
             return False
 
     def write(self, index: int, computed: Computed) -> None:
         """Keep a chunk's results; the first that has any also says what the store holds."""
+        try:
+            if self.group is None:
+                self._create(computed)
+            self._write(index, computed)
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written ({error.strerror}); what is there is kept") from None
+
+    def _write(self, index: int, computed: Computed) -> None:
         where, cut = self.blocks.position(index), self.blocks.slices(index)
-        if self.group is None:
-            self._create(computed)
         lengths = tuple(c.stop - c.start for c in cut)
-        names = [name for name, _ in self.group.arrays() if name not in (*self.design.names, "code")]
-        if computed.variables is not None and sorted(computed.variables) != sorted(names):
-            raise InputError(f"the study returned {sorted(computed.variables)} where it returned {sorted(names)} before")
-        for name in names:
-            array = self.group[name]
+        results = {name: array for name, array in self.arrays.items() if name not in (*self.design.names, "code")}
+        found = results if computed.variables is None else computed.variables
+        if sorted(found) != sorted(results):
+            raise InputError(f"the study returned {sorted(found)} where it returned {sorted(results)} before")
+        for name, array in results.items():
             own = array.shape[len(lengths) :]
             if computed.variables is None:
                 values = nothing(Variable(np.empty((*own, 0), array.dtype), (), ""), len(computed.code))
@@ -106,23 +113,28 @@ class SweepStore:
             )
             more = f"; and {len(differing) - MANY} more" if len(differing) > MANY else ""
             raise InputError(f"{self.path} holds another study: {told}{more}; give another name or remove it")
-        self.group = group
+        self._use(group)
+
+    def _use(self, group: "zarr.Group") -> None:
+        self.group, self.arrays = group, dict(group.arrays())
 
     def _create(self, computed: Computed) -> None:
         """All of the store but the chunks, under another name first; another process may have been quicker."""
         import zarr
 
         if self.path is None:
-            self.group = self._filled(zarr.open_group(zarr.storage.MemoryStore(), mode="w"), computed)
+            self._use(self._filled(zarr.open_group(zarr.storage.MemoryStore(), mode="w"), computed))
             return
         new = Path(tempfile.mkdtemp(prefix=f".{self.path.name}-", dir=self.path.parent))
         try:
             new.chmod(0o755)  # mkdtemp's is for its owner only
             self._filled(zarr.open_group(new, mode="w"), computed)
+            for file in (file for file in new.rglob("*") if file.is_file()):
+                _to_disk(file)
             os.rename(new, self.path)
-        except OSError:
+        except BaseException as error:
             shutil.rmtree(new, ignore_errors=True)
-            if not self.path.exists():
+            if not (isinstance(error, OSError) and self.path.exists()):
                 raise
         _to_disk(self.path)
         self._open()
@@ -173,7 +185,7 @@ class SweepStore:
         return group
 
     def _put(self, name: str, where: tuple[int, ...], cut: tuple, values: np.ndarray) -> None:
-        array = self.group[name]
+        array = self.arrays[name]
         if self.path is None:
             array[cut] = values
             return
@@ -185,7 +197,7 @@ class SweepStore:
             _to_disk(file)
 
     def _file(self, name: str, where: tuple[int, ...]) -> Path:
-        array = self.group[name]
+        array = self.arrays[name]
         return self.path / name / array.metadata.encode_chunk_key((*where, *(0,) * (array.ndim - len(where))))
 
 

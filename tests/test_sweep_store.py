@@ -138,6 +138,19 @@ def test_names_and_labels_of_a_vehicle_do_not_matter(coach, tmp_path):
     assert run(dataclasses.replace(coach, name="other", note="", provenance=()), tmp_path / "s.zarr")[1] == []
 
 
+def test_nothing_is_left_of_a_store_that_could_not_be_made(coach, tmp_path, monkeypatch):
+    with pytest.raises(railjax.InputError, match="cannot have that name"):
+        railjax.sweep(lambda speed: {"speed": speed}, {"speed": SPEEDS}, out=tmp_path / "s.zarr")
+
+    def full(number):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch, pytest.raises(railjax.InputError, match=r"cannot be written \(No space left"):
+        patch.setattr(os, "fsync", full)
+        run(coach, tmp_path / "s.zarr")
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("what", ["file", "folder", "zarr"])
 def test_what_is_no_sweep_is_left_alone(coach, tmp_path, what):
     path = tmp_path / "s.zarr"
