@@ -145,9 +145,10 @@ def test_nothing_is_left_of_a_store_that_could_not_be_made(coach, tmp_path, monk
     def full(number):
         raise OSError(28, "No space left on device")
 
-    with monkeypatch.context() as patch, pytest.raises(railjax.InputError, match=r"cannot be written \(No space left"):
+    with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
-        run(coach, tmp_path / "s.zarr")
+        with pytest.raises(railjax.InputError, match=r"cannot be written \(No space left"):
+            run(coach, tmp_path / "s.zarr")
     assert list(tmp_path.iterdir()) == []
 
 
