@@ -41,6 +41,8 @@ from .spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, Table
 from .spectral_comfort import SpectralComfort, spectral_comfort
 from .speed_profile import SpeedProfile
 from .statistical import StatisticalResponse, statistical_linearisation
+from .sweep import sweep
+from .sweep_studies import CriticalSpeed, ForcedRun, LeastDamping, NonlinearCriticalSpeed, RideComfort, each_point
 from .track import BumpTrack, SinusoidTrack, TangentTrack, alignment
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
@@ -62,7 +64,9 @@ __all__ = [
     "Calibration",
     "ClippedLQR",
     "Comfort",
+    "CriticalSpeed",
     "ErriSpectrum",
+    "ForcedRun",
     "FormulaSpectrum",
     "FraSpectrum",
     "FrequencyResponse",
@@ -71,18 +75,21 @@ __all__ = [
     "Identification",
     "InputError",
     "LateralDamper",
+    "LeastDamping",
     "LimitCycle",
     "MaxwellDamper",
     "MeasuredTrack",
     "MixedSkyhookADD",
     "Modes",
     "NonlinearCritical",
+    "NonlinearCriticalSpeed",
     "NumericalError",
     "PassiveDamper",
     "Ramp",
     "RandomTrack",
     "Record",
     "Result",
+    "RideComfort",
     "RootLocus",
     "RunningRecord",
     "Simulation",
@@ -105,6 +112,7 @@ __all__ = [
     "comfort",
     "contact_ellipse",
     "creep_coefficients",
+    "each_point",
     "first_lyapunov_coefficient",
     "floor_acceleration",
     "frequency_response",
@@ -134,6 +142,7 @@ __all__ = [
     "sperling",
     "state_matrix",
     "statistical_linearisation",
+    "sweep",
     "track_matrix",
     "use_all_cores",
     "use_double_precision",

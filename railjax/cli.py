@@ -12,6 +12,7 @@ from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
 from .cli_damper import damper_app
 from .cli_hunting import hunting
 from .cli_simulate import DAMPERS, make_damper, make_track
+from .cli_sweep import sweep
 from .errors import InputError, NumericalError
 
 app = typer.Typer(
@@ -23,6 +24,7 @@ app.add_typer(damper_app, name="damper")
 app.command()(hunting)
 app.command()(acceptance)
 app.command()(comfort)
+app.command()(sweep)
 
 
 def main() -> None:

@@ -271,6 +271,7 @@ MOST_STEPS = 1e10
 
 
 def check_speed(speed: Speed) -> None:
+    """Refuse speeds that are not positive and finite, where they are known."""
     values = speed.speed if isinstance(speed, SpeedProfile) else speed
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)):
         return
