@@ -4,7 +4,7 @@ The Cayley transform C = (sI + E)(sI - E)^-1 takes the left half plane into the 
 proves E stable; N = 2^k costs k products. Along a grid of speeds each lane is followed up to the first speed where that proof
 fails. There C^N is all but of rank 2, its columns and rows being the right and left eigenvectors of the fastest growing pair:
 two-sided Rayleigh quotient iteration with Newton's method for the speed, v <- v - Re(lambda)/Re(dlambda/dv), takes that pair to the axis.
-At last the pair is shifted into the left half plane (E - sum gamma x w^H/w^H x) and what remains is proved stable likewise; where it
+At last the pair is taken out of C (C - sum c x w^T, with c its eigenvalue and w^T x = 1) and what remains is proved stable likewise; where it
 is not, its fastest growing pair is the next to be taken to the axis. Lanes that end without proof are marked, for a
 slower method.
 """
@@ -24,13 +24,13 @@ TOGETHER = 16
 CAYLEY = 25.0
 
 #: squarings that may be spent on the proof at a grid speed, and for the eigenvectors and the proof at the crossing
-SCAN, FULL = 13, 16
+SCAN, FULL = 20, 22
 
 #: largest last step in speed, relative, and residual of the eigenpair
 TOLERANCE = 1e-6
 
 #: steps of Rayleigh quotient and Newton; modes taken to the axis one after another
-STEPS, ROUNDS = 6, 4
+STEPS, ROUNDS = 7, 6
 
 #: |C^N| beyond this is growth, not a transient
 GROWN = 1e6
@@ -87,13 +87,18 @@ def scales(states: int, coordinates: int) -> Float[Array, "states"]:
 
 
 def _squared(
-    matrix: Float[Array, "k states states"], coordinates: int, most: int, decided: Callable[[Array], Array]
+    matrix: Float[Array, "k states states"],
+    coordinates: int,
+    most: int,
+    decided: Callable[[Array], Array],
+    removed: Float[Array, "k states states"] | float = 0.0,
 ) -> tuple[Float[Array, "k states states"], Float[Array, "k"]]:
-    """C^N, scaled to norm 1, and log |C^N|, squared until every lane's logarithm is decided, `most` times at most."""
+    """C^N, scaled to norm 1, and log |C^N|, squared until every lane's logarithm is decided, `most` times at most; C without
+    what is to be removed from it."""
     states = matrix.shape[-1]
     scale = scales(states, coordinates)
     shift = jnp.full(matrix.shape[0], CAYLEY)
-    cayley = -jnp.eye(states) - 2.0 * CAYLEY * resolvent(matrix, shift, coordinates)
+    cayley = -jnp.eye(states) - 2.0 * CAYLEY * resolvent(matrix, shift, coordinates) - removed
     cayley = cayley * (scale[:, None] / scale)
 
     def scaled(power: Array, logarithm: Array) -> tuple[Array, Array]:
@@ -253,8 +258,7 @@ def _proved_crossing(
     def one_round(carry: tuple) -> tuple:
         count, found, sound, proved = carry
         matrix, _ = at(found.speed)
-        pair = 2.0 * jnp.real(found.right[:, :, None] * found.left[:, None, :])
-        power, log = _squared(matrix - CAYLEY * pair, coordinates, FULL, lambda log: (log < 0.0) | (log > SEPARATED))
+        power, log = _squared(matrix, coordinates, FULL, lambda log: (log < 0.0) | (log > SEPARATED), _share(found))
         proved = proved | (sound & (log < 0.0))
 
         def next_mode() -> tuple[Crossing, Array]:
@@ -269,6 +273,14 @@ def _proved_crossing(
     start = Crossing(high, jnp.zeros_like(high), jnp.zeros_like(high, complex), zero, zero)
     _, found, _, proved = jax.lax.while_loop(unproved, one_round, (jnp.array(0), start, no, no))
     return found, proved
+
+
+def _share(found: Crossing) -> Float[Array, "k states states"]:
+    """What the pair contributes to the Cayley transform: c x w^T and its conjugate, or, of a real eigenvalue, c x w^T alone."""
+    value = 1j * found.omega
+    cayley = (CAYLEY + value) / (CAYLEY - value)
+    times = jnp.where(found.omega > TOLERANCE * CAYLEY, 2.0, 1.0)
+    return jnp.real((times * cayley)[:, None, None] * found.right[:, :, None] * found.left[:, None, :])
 
 
 def one_by_one(selected: Bool[Array, "lanes"], function: Callable[[Array], tuple], carry: tuple) -> tuple:
