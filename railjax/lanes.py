@@ -165,6 +165,15 @@ def one_by_one(function: Callable[[Any], Any], trees: Any, axes: Any) -> Any:
     return finish(_on_devices(work)(*prepare(leaves)))
 
 
+def by_device(function: Callable[[Any], Any], trees: Any, axes: Any) -> Any:
+    """`function(trees)` of each device's share of the lanes, all of them at once; outputs carry lanes on the last axis."""
+    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, trees))
+    batched = tuple(leaf.ndim > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True))
+    lanes = count_lanes(trees, axes)
+    prepare, work, finish = _stages(function, structure, batched, lanes, lanes, len(jax.local_devices()))
+    return finish(_on_devices(work)(*prepare(leaves)))
+
+
 def each_lane(function: Callable[..., Any], trees: tuple, axes: tuple) -> Any:
     """`function(*trees)` lane by lane (`vmap`), for what is written for a single vehicle."""
     mapped = jax.tree.map(lambda leaf, own: -1 if jnp.ndim(leaf) > own else None, trees, axes)
