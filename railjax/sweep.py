@@ -34,10 +34,11 @@ from .fingerprint import described, lines, source_of_railjax
 from .named_parameters import check_range, owner, unit_of
 from .progress import Clock, Report, bar, stoppable
 from .simulate import check_speed
+from .speed_profile import Speed
 from .sweep_chunks import Computed, Fault, Job, Settings, compute, packed, work
 from .sweep_store import SweepStore
 from .sweep_studies import STUDIES, arguments_of
-from .track import Speed, Track, check_track
+from .track import Track, check_track
 from .vehicle import Vehicle, without_labels
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from .critical import Hunting, nonlinear_critical
 from .dampers import Damper
 from .frequency import frequency_response
 from .lanes import count_lanes, each_lane, one_by_one, over_lanes, own_axes
-from .linear import LinearCritical, Stability, eigenvalues, linear_critical
-from .motion import PASSIVE
+from .linear import LinearCritical, Stability, linear_critical
+from .motion import PASSIVE, state_matrix
 from .precision import require_double_precision
 from .simulate import Simulation, simulate
 from .spectral_comfort import spectral_comfort
@@ -118,7 +118,7 @@ class LeastDamping:
 @functools.partial(jax.jit, static_argnames="lanes")
 def _least_damping(trees: tuple, lanes: int | None) -> _Least:
     def single(vehicle: Vehicle, speed: Scalar, damper: Damper) -> _Least:
-        values = eigenvalues(vehicle, speed, damper)
+        values = jnp.linalg.eigvals(state_matrix(vehicle, speed, damper))
         ratio = jnp.where(values.imag > 0, -values.real / jnp.abs(values), jnp.inf)
         least = jnp.argmin(ratio)
         return _Least(ratio[least], values.imag[least] / (2.0 * jnp.pi), jnp.max(values.real))

@@ -230,6 +230,18 @@ def test_critical_speeds_are_those_of_linear_and_nonlinear_critical():
     assert "2 stable" in found["code"].attrs["meaning"]
 
 
+def test_ride_comfort_marks_what_is_unstable(coach):
+    over = {"speed": np.array([50.0, 60.0, 75.0]), "secondary.stiffness_y": np.array([1e5, 1.5e5])}
+    found = railjax.sweep(railjax.RideComfort("erri-low"), over, vehicle=coach)
+    assert found["code"].values.tolist() == [[0, 0], [0, 0], [1, 1]]
+    assert np.isnan(found["mean_comfort"].values[2]).all()
+    softer = railjax.replace(coach, secondary__stiffness_y=1e5)
+    response = railjax.frequency_response(softer, 60.0, "erri-low", record=["floor_acceleration"])
+    expected = railjax.spectral_comfort(response)
+    for name, values in zip(("weighted_rms", "mean_comfort", "sperling"), expected, strict=True):
+        np.testing.assert_allclose(found[name].values[1, 0], values.max(), rtol=1e-9)
+
+
 def test_the_least_damping_is_that_of_modes(coach):
     over = {"speed": SPEEDS, "contact.conicity": CONICITIES}
     found = railjax.sweep(railjax.LeastDamping(), over, vehicle=coach)

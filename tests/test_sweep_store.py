@@ -340,6 +340,25 @@ def test_stopped_on_the_command_line(command, monkeypatch):
     assert error.strip().splitlines()[-1] == "railjax: stopped: 4 of 9 points are in s.zarr; the same again goes on from there"
 
 
+def test_a_study_file_may_ride_on_a_random_track(tmp_path):
+    path = tmp_path / "study.toml"
+    track = '[track]\nkind = "random"\nspectrum = "erri-low"\nseed = 3\nlength_m = 1500\n'
+    text = 'study = "forced-run"\nvehicle = "coach"\n[options]\nduration_s = 1\n' + track + "[over]\nspeed_kmh = [150, 200]\n"
+    path.write_text(text)
+    found = read_study(path)["track"]
+    assert isinstance(found, railjax.RandomTrack)
+    assert found.length == pytest.approx(1500.0)
+    for wrong, message in (
+        ("erri-lo", "nearest is 'erri-low'"),
+        ("seed = 3", "seed"),
+        ("length_m = 1500", "length"),
+    ):
+        right = {"erri-lo": "erri-low"}.get(wrong, wrong)
+        path.write_text(text.replace(right, {"seed = 3": 'seed = "x"', "length_m = 1500": "length_m = 1"}.get(wrong, wrong)))
+        with pytest.raises(railjax.InputError, match=message):
+            read_study(path)
+
+
 OTHER = SMALL.replace('"least-damping"', '"forced-run"')
 
 
