@@ -186,7 +186,9 @@ def _to_axis(
     return Crossing(moved, jnp.abs(shift.imag), slope[-1], x, w), sound[-1]
 
 
-def _in_pieces(selected: Bool[Array, "lanes"], work: Callable[[Int[Array, "k"], tuple], tuple], carry: tuple, piece: int) -> tuple:
+def _in_pieces(
+    selected: Bool[Array, "lanes"], work: Callable[[Int[Array, "k"], tuple], tuple], carry: tuple, piece: int
+) -> tuple:
     """`carry` after `work(indices, carry)` for all selected lanes, `piece` at a time (some twice, to fill the last)."""
     order = jnp.argsort(~selected, stable=True)
     pieces = (jnp.sum(selected) + piece - 1) // piece
