@@ -18,7 +18,7 @@ from .deflections import join, layout
 from .errors import InputError
 from .integrate import STABLE_RADIUS, Plan, Run, fastest_rate, run
 from .kernels import one_kernel
-from .lanes import CHUNK, count_lanes, each_lane, over_lanes, own_axes
+from .lanes import CHUNK, alone, count_lanes, each_lane, over_lanes, own_axes
 from .motion import PASSIVE, state_size
 from .speed_profile import Speed, SpeedProfile
 from .track import TangentTrack, Track, check_track
@@ -168,7 +168,7 @@ def simulate(
         result, code = over_lanes(function, trees, axes, lanes, chunk, spread=True)
     else:
         # in a transformation it is the outermost function that can be one kernel (`railjax.jit`)
-        result, code = function(trees) if traced else _one_run(plan)(trees)
+        result, code = alone(function, _axes, chunk)(trees) if traced else _one_run(plan)(trees)
     code = jnp.where(too_large, int(Result.STEP_TOO_LARGE), code)
     time = jnp.arange(plan.samples) * (plan.every * dt)
     return Simulation(time, result.records, result.reductions, result.final, code, speed, jnp.asarray(dt), vehicle.name)
