@@ -8,6 +8,7 @@ in m/s^2 per simulation; wheelsets start off by OFFSET.
 import ctypes
 import functools
 import math
+import os
 import shutil
 import subprocess
 import tempfile
@@ -17,6 +18,10 @@ from pathlib import Path
 import numpy as np
 from rivals import STATES, reference
 from scipy.integrate import solve_ivp
+from scipy.optimize import OptimizeResult
+
+# threads that spin after their work would take the cores from the next in turn
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 AMPLITUDE, WAVELENGTH, OFFSET = 5e-3, 20.0, 5e-3  # m
 #: railjax.BalanceLogic's: m/s, and m (0.02 of its signal_scale)
@@ -201,10 +206,18 @@ def numpy_rate(x: np.ndarray, t: float, speed: float, alpha: float) -> np.ndarra
     return dx
 
 
-def scipy_run(rate: Callable, speed: float, alpha: float, duration: float, sample: float = 1e-3) -> float:
-    """r.m.s. acceleration by SciPy's LSODA (rtol 1e-6), from its dense output every `sample` seconds."""
+def lsoda(rate: Callable, speed: float, alpha: float, duration: float) -> OptimizeResult:
+    """SciPy's LSODA, rtol 1e-6, of x' = rate(x, t, speed, alpha), with its interpolant."""
     start = np.zeros(STATES)
     start[9:13] = OFFSET
-    found = solve_ivp(lambda t, x: rate(x, t, speed, alpha), (0.0, duration), start, "LSODA", rtol=1e-6, atol=1e-9)
+    span = (0.0, duration)
+    found = solve_ivp(lambda t, x: rate(x, t, speed, alpha), span, start, "LSODA", rtol=1e-6, atol=1e-9, dense_output=True)
     assert found.success, found.message
     return found
+
+
+def rms_of(rate: Callable, found: OptimizeResult, speed: float, alpha: float, duration: float, sample: float = 1e-3) -> float:
+    """r.m.s. acceleration of a solution of `lsoda`, seen every `sample` seconds as railjax sees it."""
+    times = np.arange(round(duration / sample)) * sample
+    accelerations = [rate(x, t, speed, alpha)[17] for t, x in zip(times, found.sol(times).T, strict=True)]
+    return math.sqrt(np.mean(np.square(accelerations)))

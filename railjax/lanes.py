@@ -90,7 +90,9 @@ def over_lanes(
 
 
 @functools.cache
-def alone(function: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: int) -> Callable[[Any], Any]:
+def alone(
+    function: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: int, spread: bool
+) -> Callable[[Any], Any]:
     """`function(trees)` of one lane, of which a user's `jax.vmap` makes `over_lanes` instead of one array wider than the cache.
 
     `axes_of(*trees)` gives the axes of `own_axes`; all leaves are floating-point arrays. Derivatives are those of `function`, around
@@ -101,7 +103,7 @@ def alone(function: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: in
     @single.def_vmap
     def _many(lanes: int, batched: list, trees: Any) -> tuple[Any, Any]:
         last = jax.tree.map(lambda leaf, lane: jnp.moveaxis(leaf, 0, -1) if lane else leaf, trees, batched[0])
-        result = over_lanes(function, last, axes_of(*trees), lanes, chunk, spread=True)
+        result = over_lanes(function, last, axes_of(*trees), lanes, chunk, spread)
         return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), result), jax.tree.map(lambda _: True, result)
 
     whole = jax.custom_jvp(single)
