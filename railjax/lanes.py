@@ -90,9 +90,7 @@ def over_lanes(
 
 
 @functools.cache
-def alone(
-    function: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: int, spread: bool
-) -> Callable[[Any], Any]:
+def alone(function: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: int, spread: bool) -> Callable[[Any], Any]:
     """`function(trees)` of one lane, of which a user's `jax.vmap` makes `over_lanes` instead of one array wider than the cache.
 
     `axes_of(*trees)` gives the axes of `own_axes`; all leaves are floating-point arrays. Derivatives are those of `function`, around
