@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 from jax.sharding import Mesh, PartitionSpec
 
 from .errors import InputError
@@ -86,6 +87,38 @@ def over_lanes(
         devices = len(jax.local_devices())
         prepare, work, finish = _compiled_stages(function, structure, batched, lanes, chunk, devices)
     return finish(work(*prepare(leaves)))
+
+
+@functools.cache
+def alone(function: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: int, spread: bool) -> Callable[[Any], Any]:
+    """`function(trees)` of one lane, of which a user's `jax.vmap` makes `over_lanes` instead of one array wider than the cache.
+
+    `axes_of(*trees)` gives the axes of `own_axes`; all leaves are floating-point arrays. Derivatives are those of `function`, around
+    `custom_vmap`, which has no reverse mode.
+    """
+    single = jax.custom_batching.custom_vmap(function)
+
+    @single.def_vmap
+    def _many(lanes: int, batched: list, trees: Any) -> tuple[Any, Any]:
+        last = jax.tree.map(lambda leaf, lane: jnp.moveaxis(leaf, 0, -1) if lane else leaf, trees, batched[0])
+        result = over_lanes(function, last, axes_of(*trees), lanes, chunk, spread)
+        return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), result), jax.tree.map(lambda _: True, result)
+
+    whole = jax.custom_jvp(single)
+
+    @functools.partial(whole.defjvp, symbolic_zeros=True)
+    def _derivative(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
+        leaves, structure = jax.tree.flatten(primals)
+        rates = jax.tree.leaves(tangents)
+        moving = [k for k, rate in enumerate(rates) if not isinstance(rate, SymbolicZero)]
+
+        def of(moved: list) -> Any:
+            replaced = dict(zip(moving, moved, strict=True))
+            return function(*structure.unflatten([replaced.get(k, leaf) for k, leaf in enumerate(leaves)]))
+
+        return jax.jvp(of, ([leaves[k] for k in moving],), ([rates[k] for k in moving],))
+
+    return whole
 
 
 def _stages(
