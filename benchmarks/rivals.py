@@ -96,18 +96,26 @@ def critical_speed_search(
     return search
 
 
-def c_rate(source: str, runs: int, steps: int, folder: Path, repeats: int = 3) -> float | None:
-    """Steps/s that a C program prints for `runs` simulations of `steps` steps (best of a few); None without gcc."""
+def compiled(source: str, folder: Path) -> Path | None:
+    """A C program, compiled for this machine; None without gcc."""
     compiler = shutil.which("gcc")
     if compiler is None:
         return None
     program = folder / "rival"
     options = ["-O3", "-march=native", "-ffast-math", "-mprefer-vector-width=512", "-fopenmp"]
     subprocess.run([compiler, *options, source, "-o", str(program), "-lm"], check=True)
-    rates = []
-    for _ in range(repeats):
-        printed = subprocess.run([str(program), str(runs), str(steps)], check=True, capture_output=True, text=True)
-        found = re.search(r"([0-9.eE+-]+)\s+steps/s", printed.stdout)
-        assert found, f"the C rival must print '... X steps/s ...', not {printed.stdout!r}"
-        rates.append(float(found.group(1)))
-    return max(rates)
+    return program
+
+
+def printed_rate(command: list[str], runs: int, steps: int) -> float:
+    """Steps/s that a program prints for `runs` simulations of `steps` steps."""
+    printed = subprocess.run([*command, str(runs), str(steps)], check=True, capture_output=True, text=True).stdout
+    found = re.search(r"([0-9.eE+-]+)\s+steps/s", printed)
+    assert found, f"a rival must print '... X steps/s ...', not {printed!r}"
+    return float(found.group(1))
+
+
+def c_rate(source: str, runs: int, steps: int, folder: Path, repeats: int = 3) -> float | None:
+    """Steps/s of a C program (best of a few); None without gcc."""
+    program = compiled(source, folder)
+    return max(printed_rate([str(program)], runs, steps) for _ in range(repeats)) if program else None

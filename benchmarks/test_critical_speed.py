@@ -62,6 +62,76 @@ def test_grid_with_gradient(benchmark: Any, note: Callable, coach: railjax.Vehic
     assert error < 1e-4
 
 
+VARIANTS, SPREAD = 10_000, 1.5  # each suspension parameter within this factor either way
+RATIO = 10.0  # at least, to NumPy without gradients
+
+
+def test_variants_of_the_suspension_with_gradient(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> None:
+    paths = [path for path, _ in railjax.parameters() if path.startswith(("primary.", "secondary."))]
+    rng = np.random.default_rng(0)
+    factors = SPREAD ** rng.uniform(-1.0, 1.0, (len(paths), VARIANTS))
+    values = jnp.asarray([float(railjax.get_parameter(coach, path)) for path in paths])[:, None] * factors
+
+    def varied(values: jax.Array) -> railjax.Vehicle:
+        vehicle = coach
+        for path, value in zip(paths, values, strict=True):
+            vehicle = railjax.set_parameter(vehicle, path, value)
+        return vehicle
+
+    def total(values: jax.Array) -> tuple[jax.Array, jax.Array]:
+        speed = railjax.linear_critical(varied(values)).speed
+        return jnp.sum(jnp.where(jnp.isfinite(speed), speed, 0.0)), speed
+
+    both = jax.jit(jax.value_and_grad(total, has_aux=True))
+    (_, speeds), slopes = jax.block_until_ready(both(values))  # compiles
+    search = rivals.critical_speed_search()
+    stiffness = coach.primary.stiffness_x, coach.primary.stiffness_y
+    search(*stiffness)  # LAPACK is loaded
+
+    # in turns, so that both see the same machine; what a search takes hardly depends on the variant
+    ratios, searches = [], []
+
+    def rival() -> None:
+        start = time.perf_counter()
+        for _ in range(2 * RIVAL_VARIANTS):
+            search(*stiffness)
+        searches.append((time.perf_counter() - start) / (2 * RIVAL_VARIANTS))
+
+    for _ in range(3):
+        rival()
+        start = time.perf_counter()
+        jax.block_until_ready(both(values))
+        ratios.append(searches[-1] / ((time.perf_counter() - start) / VARIANTS))
+    benchmark.pedantic(lambda: jax.block_until_ready(both(values)), rounds=1)
+
+    # the critical eigenvalue by NumPy, and one derivative by differences
+    chosen = np.linspace(0, VARIANTS - 1, RIVAL_VARIANTS).round().astype(int)
+    few = values[:, chosen]
+    largest = np.array(
+        [
+            np.linalg.eigvals(np.asarray(railjax.state_matrix(varied(one), float(speed)))).real.max()
+            for one, speed in zip(np.asarray(few).T, np.asarray(speeds)[chosen], strict=True)
+        ]
+    )
+    row, step = paths.index("primary.stiffness_x"), 1e-4
+    up, down = (railjax.linear_critical(varied(few.at[row].multiply(1.0 + s * step))).speed for s in (1, -1))
+    numeric = (up - down) / (2 * step * few[row])
+    error = float(jnp.max(jnp.abs(numeric - slopes[row, chosen])) / jnp.max(jnp.abs(numeric)))
+    note(
+        variants=VARIANTS,
+        parameters=len(paths),
+        per_variant_with_gradient_s=benchmark.stats.stats.median / VARIANTS,
+        numpy_per_variant_s=min(searches),
+        ratio_to_numpy_value_only=float(np.median(ratios)),
+        largest_growth_at_the_crossing=float(np.max(np.abs(largest))),
+        gradient_difference=error,
+        found=int(np.sum(np.isfinite(speeds))),
+    )
+    assert np.max(np.abs(largest)) < 1e-6
+    assert error < 1e-4
+    assert np.median(ratios) >= RATIO
+
+
 NONLINEAR_LIMIT = 60.0  # s for all variants, on two cores
 
 

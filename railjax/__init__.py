@@ -42,8 +42,11 @@ from .schedule import GainSchedule, schedule_gain
 from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from .simulate import Result, Simulation, simulate
 from .spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
+from .spectral_comfort import SpectralComfort, spectral_comfort
 from .speed_profile import SpeedProfile
 from .statistical import StatisticalResponse, statistical_linearisation
+from .sweep import sweep
+from .sweep_studies import CriticalSpeed, ForcedRun, LeastDamping, NonlinearCriticalSpeed, RideComfort, each_point
 from .track import BumpTrack, SinusoidTrack, TangentTrack, alignment
 from .tuning import tune
 from .tuning_result import Tuning
@@ -67,7 +70,9 @@ __all__ = [
     "Calibration",
     "ClippedLQR",
     "Comfort",
+    "CriticalSpeed",
     "ErriSpectrum",
+    "ForcedRun",
     "FormulaSpectrum",
     "FraSpectrum",
     "FrequencyResponse",
@@ -78,24 +83,28 @@ __all__ = [
     "Identification",
     "InputError",
     "LateralDamper",
+    "LeastDamping",
     "LimitCycle",
     "MaxwellDamper",
     "MeasuredTrack",
     "MixedSkyhookADD",
     "Modes",
     "NonlinearCritical",
+    "NonlinearCriticalSpeed",
     "NumericalError",
     "PassiveDamper",
     "Ramp",
     "RandomTrack",
     "Record",
     "Result",
+    "RideComfort",
     "RootLocus",
     "RunningRecord",
     "Scatter",
     "Simulation",
     "SinusoidTrack",
     "Skyhook",
+    "SpectralComfort",
     "Spectrum",
     "SpeedProfile",
     "Stability",
@@ -113,6 +122,7 @@ __all__ = [
     "comfort",
     "contact_ellipse",
     "creep_coefficients",
+    "each_point",
     "expected",
     "first_lyapunov_coefficient",
     "floor_acceleration",
@@ -139,12 +149,14 @@ __all__ = [
     "schedule_gain",
     "set_parameter",
     "simulate",
+    "spectral_comfort",
     "spectrum",
     "spectrum_of",
     "speed_ramp",
     "sperling",
     "state_matrix",
     "statistical_linearisation",
+    "sweep",
     "track_matrix",
     "tune",
     "use_all_cores",

@@ -78,21 +78,27 @@ class FrequencyResponse:
     speed: Number
     vehicle_name: str = structure("")
 
-    def spectrum(self, channel: str) -> Float[Array, "waves ..."]:
-        """One-sided power spectral density of a channel, (unit)^2/Hz."""
-        return _squared(self.transfer[channel]) * self._as(channel, self.alignment_spectrum)
+    def spectrum(self, channel: str, weight: str | None = None) -> Float[Array, "waves ..."]:
+        """One-sided power spectral density of a channel, (unit)^2/Hz, weighted by the `weighting` of that name if one is given."""
+        return self._power(channel, weight) * self._as(channel, self.alignment_spectrum)
 
     @property
     def alignment_spectrum(self) -> Float[Array, "waves ..."]:
         """One-sided power spectral density of the alignment as the vehicle meets it, m^2/Hz."""
         return _first(self.excitation.density, self.frequency.ndim) * (2.0 * jnp.pi) / jnp.asarray(self.speed)
 
+    def shares(self, channel: str, weight: str | None = None) -> Float[Array, "waves ..."]:
+        """What each wave adds to the mean square of a channel, weighted or not."""
+        power = self._power(channel, weight)
+        return power * _first(self.excitation.variance, power.ndim)
+
     def rms(self, channel: str, weight: str | None = None) -> Float[Array, "..."]:
-        """Root mean square of a channel, weighted by the `weighting` of that name ("Wd", ...) if one is given."""
-        shares = _squared(self.transfer[channel]) * _first(self.excitation.variance, self.transfer[channel].ndim)
-        if weight is not None:
-            shares = shares * self._as(channel, _squared(weighting(weight, self.frequency)))
-        return sqrt_of_square(jnp.sum(shares, axis=0))
+        """Root mean square of a channel, weighted or not ("Wd", ...)."""
+        return sqrt_of_square(jnp.sum(self.shares(channel, weight), axis=0))
+
+    def _power(self, channel: str, weight: str | None) -> Float[Array, "waves ..."]:
+        power = _squared(self.transfer[channel])
+        return power if weight is None else power * self._as(channel, _squared(weighting(weight, self.frequency)))
 
     def _as(self, channel: str, values: Float[Array, "waves ..."]) -> Float[Array, "waves ..."]:
         """Values per wave and lane, broadcast against the channel's parts."""

@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 from jax.sharding import Mesh, PartitionSpec
 
 from .errors import InputError
@@ -88,6 +89,38 @@ def over_lanes(
     return finish(work(*prepare(leaves)))
 
 
+@functools.cache
+def alone(function: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: int, spread: bool) -> Callable[[Any], Any]:
+    """`function(trees)` of one lane, of which a user's `jax.vmap` makes `over_lanes` instead of one array wider than the cache.
+
+    `axes_of(*trees)` gives the axes of `own_axes`; all leaves are floating-point arrays. Derivatives are those of `function`, around
+    `custom_vmap`, which has no reverse mode.
+    """
+    single = jax.custom_batching.custom_vmap(function)
+
+    @single.def_vmap
+    def _many(lanes: int, batched: list, trees: Any) -> tuple[Any, Any]:
+        last = jax.tree.map(lambda leaf, lane: jnp.moveaxis(leaf, 0, -1) if lane else leaf, trees, batched[0])
+        result = over_lanes(function, last, axes_of(*trees), lanes, chunk, spread)
+        return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), result), jax.tree.map(lambda _: True, result)
+
+    whole = jax.custom_jvp(single)
+
+    @functools.partial(whole.defjvp, symbolic_zeros=True)
+    def _derivative(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
+        leaves, structure = jax.tree.flatten(primals)
+        rates = jax.tree.leaves(tangents)
+        moving = [k for k, rate in enumerate(rates) if not isinstance(rate, SymbolicZero)]
+
+        def of(moved: list) -> Any:
+            replaced = dict(zip(moving, moved, strict=True))
+            return function(*structure.unflatten([replaced.get(k, leaf) for k, leaf in enumerate(leaves)]))
+
+        return jax.jvp(of, ([leaves[k] for k in moving],), ([rates[k] for k in moving],))
+
+    return whole
+
+
 def _stages(
     function: Callable[[Any], Any],
     structure: Any,
@@ -162,6 +195,15 @@ def one_by_one(function: Callable[[Any], Any], trees: Any, axes: Any) -> Any:
 
     lanes, devices = count_lanes(trees, axes), len(jax.local_devices())
     prepare, work, finish = _stages(single, structure, batched, lanes, 1, devices)
+    return finish(_on_devices(work)(*prepare(leaves)))
+
+
+def by_device(function: Callable[[Any], Any], trees: Any, axes: Any) -> Any:
+    """`function(trees)` of each device's share of the lanes, all of them at once; outputs carry lanes on the last axis."""
+    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, trees))
+    batched = tuple(leaf.ndim > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True))
+    lanes = count_lanes(trees, axes)
+    prepare, work, finish = _stages(function, structure, batched, lanes, lanes, len(jax.local_devices()))
     return finish(_on_devices(work)(*prepare(leaves)))
 
 

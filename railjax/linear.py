@@ -6,12 +6,15 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
+from .crossing import GROWN, Crossing, crossings, first_unproved, one_by_one
 from .dampers import Damper
+from .deflections import size
 from .errors import NumericalError
-from .lanes import count_lanes, each_lane, over_lanes, own_axes
-from .motion import PASSIVE, state_matrix
+from .lanes import by_device, count_lanes, each_lane, own_axes
+from .motion import PASSIVE, state_matrix, state_product
 from .precision import require_double_precision
 from .typing import Scalar
 from .units import KMH
@@ -69,34 +72,115 @@ def linear_critical(
 ) -> LinearCritical:
     """As `linear_critical_speed`, with frequency and result code instead of errors."""
     require_double_precision("the linear critical speed")
-    trees = (without_labels(vehicle), damper, lowest, highest)
-    axes = (own_axes(vehicle), own_axes(damper), 0, 0)
-    lanes = count_lanes(trees, axes)
-    return _critical(trees, lanes)
+    trees = (without_labels(vehicle), damper)
+    lanes = count_lanes(trees, _axes(trees))
+    return _critical(trees, jnp.asarray(lowest, float), jnp.asarray(highest, float), lanes)
+
+
+def _axes(trees: tuple) -> tuple:
+    return tuple(own_axes(tree) for tree in trees)
 
 
 @functools.partial(jax.jit, static_argnames="lanes")
-def _critical(trees: tuple, lanes: int | None) -> LinearCritical:
+def _critical(trees: tuple, lowest: Scalar, highest: Scalar, lanes: int | None) -> LinearCritical:
+    crossing, code = _found(lanes, trees, lowest, highest)
+    found = code == Stability.OK
+    return LinearCritical(
+        jnp.where(found, crossing.speed, jnp.where(code == Stability.STABLE, jnp.inf, jnp.nan)),
+        jnp.where(found, crossing.omega / (2.0 * jnp.pi), jnp.nan),
+        jnp.where(found, crossing.by_speed.real, jnp.nan),
+        code,
+    )
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _found(lanes: int | None, trees: tuple, lowest: Scalar, highest: Scalar) -> tuple[Crossing, Int[Array, "..."]]:
     if lanes is None:
-        return _single(*trees)
-    axes = (own_axes(trees[0]), own_axes(trees[1]), 0, 0)
-    # one lane at a time: LAPACK takes no longer, and several batched calls at work at once deadlock (JAX 0.10.1, two cores)
-    return over_lanes(lambda chunk: each_lane(_single, chunk, axes), trees, axes, lanes, chunk=1)
+        return _robust(*trees, lowest, highest)
+    axes = _axes(trees)
+    return by_device(functools.partial(_many, axes), (*trees, lowest, highest), (*axes, 0, 0))
 
 
-def eigenvalues(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Complex[Array, "states"]:
-    """Eigenvalues of E at a speed; their derivatives are JAX's, by left and right eigenvectors."""
-    return jnp.linalg.eigvals(state_matrix(vehicle, speed, damper))
+@_found.defjvp
+def _derivative(lanes: int | None, primals: tuple, tangents: tuple) -> tuple:
+    """Implicit function: Re(dlambda + lambda_v dv) = 0 with dlambda = w^T dE x for right and left vectors with w^T x = 1."""
+    crossing, code = _found(lanes, *primals)
+    at = _held(crossing)
+
+    def eigenvalue(trees: tuple) -> Complex[Array, "..."]:
+        if lanes is None:
+            return _rayleigh(*trees, at)
+        return each_lane(_rayleigh, (*trees, at), (*_axes(trees), Crossing(0, 0, 0, 1, 1)))
+
+    change = jax.jvp(eigenvalue, primals[:1], tangents[:1])[1]
+    by_parameters = -change.real / at.by_speed.real
+    moved = jax.tree.map(jnp.zeros_like, crossing)._replace(
+        speed=by_parameters, omega=change.imag + at.by_speed.imag * by_parameters
+    )
+    return (crossing, code), (moved, np.zeros(code.shape, jax.dtypes.float0))
+
+
+@jax.custom_jvp
+def _held(crossing: Crossing) -> Crossing:
+    return crossing
+
+
+@_held.defjvp
+def _refused(primals: tuple, tangents: tuple) -> tuple:
+    # eigenvectors are taken as constants in the first derivative, so its own derivative would be wrong
+    raise NotImplementedError("second derivatives of the linear critical speed")
+
+
+def _rayleigh(vehicle: Vehicle, damper: Damper, crossing: Crossing) -> Complex[Array, ""]:
+    """w^T E x at the crossing's speed."""
+    x = crossing.right
+    image = state_product(vehicle, crossing.speed, damper, jnp.stack([x.real, x.imag], axis=1))
+    return crossing.left @ (image[:, 0] + 1j * image[:, 1])
+
+
+def _only_found(crossing: Crossing, code: Int[Array, "..."]) -> Crossing:
+    """Numbers without effect where nothing was found, so that such a lane does not spoil a sum's derivative."""
+    neutral = Crossing(1.0, 0.0, 1.0, 0.0, 0.0)
+    return jax.tree.map(lambda value, none: jnp.where(code == Stability.OK, value, none), crossing, neutral)
+
+
+def _many(axes: tuple, trees: tuple) -> tuple[Crossing, Int[Array, "lanes"]]:
+    """All lanes of a device: stability proved speed by speed, then the crossing; what is left over, by the robust way."""
+    *parameters, lowest, highest = trees
+    parameters, lanes = tuple(parameters), count_lanes(tuple(parameters), axes)
+
+    def taken(index: Int[Array, "..."]) -> tuple:
+        return jax.tree.map(lambda leaf, own: leaf[..., index] if jnp.ndim(leaf) > own else leaf, parameters, axes)
+
+    def matrices(index: Int[Array, "k"], speeds: Float[Array, "k"]) -> Float[Array, "k states states"]:
+        def one(vehicle: Vehicle, damper: Damper, speed: Scalar) -> Array:
+            return state_matrix(vehicle, speed, damper)
+
+        return jnp.moveaxis(each_lane(one, (*taken(index), speeds), (*axes, 0)), -1, 0)
+
+    coordinates, speeds = size(parameters[0]), jnp.linspace(lowest, highest, POINTS)
+    first, logarithm = first_unproved(matrices, lanes, coordinates, speeds)
+    between = (first > 0) & (first < POINTS)
+    low, high = speeds[jnp.maximum(first - 1, 0)], speeds[jnp.clip(first, 1, POINTS - 1)]
+    crossing, proved = crossings(matrices, lanes, coordinates, between, low, high)
+    unstable = (first == 0) & (logarithm > jnp.log(GROWN))
+    code = jnp.where(first == POINTS, int(Stability.STABLE), jnp.where(unstable, int(Stability.UNSTABLE), int(Stability.OK)))
+    left = (code == Stability.OK) & ~proved
+    found = crossing, code
+    found = one_by_one(left, lambda index: _robust(*taken(index), lowest, highest), found)
+    crossing, code = found
+    crossing = crossing._replace(right=crossing.right.T, left=crossing.left.T)
+    return _only_found(crossing, code), code
 
 
 def _growth(vehicle: Vehicle, damper: Damper, speed: Scalar) -> Float[Array, ""]:
     """Largest real part: positive means unstable, whichever mode it is."""
-    return jnp.max(eigenvalues(vehicle, speed, damper).real)
+    return jnp.max(jnp.linalg.eigvals(state_matrix(vehicle, speed, damper)).real)
 
 
-def _single(vehicle: Vehicle, damper: Damper, lowest: Scalar, highest: Scalar) -> LinearCritical:
-    fixed_vehicle, fixed_damper = jax.lax.stop_gradient((vehicle, damper))
-    growth = functools.partial(_growth, fixed_vehicle, fixed_damper)
+def _robust(vehicle: Vehicle, damper: Damper, lowest: Scalar, highest: Scalar) -> tuple[Crossing, Int[Array, ""]]:
+    """One vehicle: all eigenvalues along the grid, then bisection."""
+    growth = functools.partial(_growth, vehicle, damper)
     speeds = jnp.linspace(lowest, highest, POINTS)
     growths = jax.lax.map(growth, speeds)
     unstable = growths > 0
@@ -114,24 +198,16 @@ def _single(vehicle: Vehicle, damper: Damper, lowest: Scalar, highest: Scalar) -
 
     (low, high), _ = jax.lax.scan(halve, bracket, length=24)
     near = 0.5 * (low + high)
-    critical_mode = jnp.argmax(eigenvalues(fixed_vehicle, near, fixed_damper).real)
-
-    # One Newton step on the real part of that mode: it polishes the value, and its derivative is that of the implicit
-    # function, dv = -Re(dlambda)/Re(dlambda/dv)
-    def mode(vehicle, damper, speed):
-        return eigenvalues(vehicle, speed, damper)[critical_mode]
-
-    slope = jax.jvp(lambda v: mode(fixed_vehicle, fixed_damper, v), (near,), (jnp.ones_like(near),))[1].real
-    eigenvalue = mode(vehicle, damper, near)
-    speed = near - eigenvalue.real / slope
-    # the step must stay within the grid's bracket, else the crossing is lost in round-off
-    resolved = jnp.abs(speed - near) <= (highest - lowest) / POINTS
+    matrix, by_speed = jax.jvp(lambda v: state_matrix(vehicle, v, damper), (near,), (jnp.ones_like(near),))
+    values, left, right = jax.lax.linalg.eig(matrix)
+    critical = jnp.argmax(values.real)
+    x, w = right[:, critical], jnp.conj(left[:, critical])
+    w = w / (w @ x)
+    slope = w @ (by_speed @ x)
+    # one Newton step on the real part of that mode polishes the value
+    step = -values[critical].real / slope.real
+    # it must stay within the grid's bracket, else the crossing is lost in round-off
+    resolved = jnp.abs(step) <= (highest - lowest) / POINTS
     code = jnp.where((code == Stability.OK) & ~resolved, int(Stability.FAILED), code)
-    nothing = jnp.where(code == Stability.STABLE, jnp.inf, jnp.nan)
-    found = code == Stability.OK
-    return LinearCritical(
-        jnp.where(found, speed, nothing),
-        jnp.where(found, jnp.abs(eigenvalue.imag) / (2.0 * jnp.pi), jnp.nan),
-        jnp.where(found, slope, jnp.nan),
-        code,
-    )
+    omega = jnp.abs(values[critical].imag + slope.imag * step)
+    return _only_found(Crossing(near + step, omega, slope, x, w), code), code

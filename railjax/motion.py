@@ -207,22 +207,42 @@ def linearised(
     `read` gives arrays with lanes last, in any tree; the result has a column there per entry of x, then per wheelset. With `flange` the flange is held in contact: k_f acts on y
     from zero displacement on.
     """
+    states, (n, m) = state_size(vehicle, damper), wheelset_shape(vehicle)
+    columns = states + n * m
+    # one lane per column
+    unit = jnp.eye(columns, dtype=jnp.result_type(float))
+    return _along(vehicle, speed, damper, read, unit[:states], unit[states:].reshape((n, m, columns)), flange)
+
+
+def _along(
+    vehicle: Vehicle,
+    speed: Scalar,
+    damper: Damper,
+    read: Callable[[Motion], Any],
+    x: Float[Array, "states columns"],
+    alignment: Float[Array, "n m columns"],
+    flange: bool,
+) -> Any:
+    """Derivative of `read` near straight running along columns of states and alignments."""
     contact = vehicle.contact
     # beyond a negative clearance at rest already: at one of 0 the corner would halve the slope
     contact = replace(contact, law="sharp", flange_clearance=-1.0) if flange else replace(contact, law="linear")
     vehicle = replace(vehicle, contact=contact)
-    states, (n, m) = state_size(vehicle, damper), wheelset_shape(vehicle)
-    columns = states + n * m
-    dtype = jnp.result_type(float)
-    slowness = 1.0 / jnp.asarray(speed, dtype)
+    slowness = 1.0 / jnp.asarray(speed, x.dtype)
 
     def of(x: Float[Array, "states columns"], alignment: Float[Array, "n m columns"]) -> Any:
         return read(motion(vehicle, damper, slowness, alignment, x))
 
-    # one lane per column
-    unit = jnp.eye(columns, dtype=dtype)
-    units = unit[:states], unit[states:].reshape((n, m, columns))
+    units = x, alignment
     return jax.jvp(of, jax.tree.map(jnp.zeros_like, units), units)[1]
+
+
+def state_product(
+    vehicle: Vehicle, speed: Scalar, damper: Damper, x: Float[Array, "states columns"]
+) -> Float[Array, "states columns"]:
+    """E x for a few columns, without the other columns of E."""
+    still = jnp.zeros((*wheelset_shape(vehicle), x.shape[1]), x.dtype)
+    return _along(vehicle, speed, damper, functools.partial(state_rate, vehicle), x, still, False)
 
 
 def state_matrix(

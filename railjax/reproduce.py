@@ -28,6 +28,9 @@ MODULES = (
     "railjax.paper_characteristics",
     "railjax.paper_semiactive",
     "railjax.paper_controlled_hunting",
+    "railjax.paper_comfort",
+    "railjax.paper_acceptance",
+    "railjax.paper_tuning",
 )
 
 Progress = Callable[[str, int, int], None]

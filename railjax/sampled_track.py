@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .errors import InputError
+from .kernels import fence
 from .spectra import TableSpectrum
 from .track import Alignment, Distances, alignment
 from .typing import Number, Scalar
@@ -140,9 +141,15 @@ def cubic(table: Float[Array, "k *lanes"], cell: Int[Array, "..."], part: Distan
     if table.ndim > 1:
         lanes = table.shape[1]
         cell, table = cell * lanes + jnp.arange(lanes, dtype=cell.dtype), table.reshape(-1)
-    a, b, c, d = (table.at[cell + m * lanes].get(mode="promise_in_bounds") for m in range(4))
+    a, b, c, d = _taken(table, cell, cell + lanes, cell + 2 * lanes, cell + 3 * lanes)
     inner = 3.0 * (a - 2.0 * b + c) + part * (d - a + 3.0 * (b - c))
     return (a + 4.0 * b + c + part * (3.0 * (c - a) + part * inner)) / 6.0
+
+
+@fence
+def _taken(table: Float[Array, "k"], *cells: Int[Array, "..."]) -> tuple[Distances, ...]:
+    """T at the cells, alone: together with arithmetic XLA would hold the gathers of a long table for work worth two threads."""
+    return tuple(table.at[cell].get(mode="promise_in_bounds") for cell in cells)
 
 
 def fade_in(distance: Distances, fade: Scalar) -> Distances:

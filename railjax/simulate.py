@@ -18,7 +18,7 @@ from .deflections import join, layout
 from .errors import InputError
 from .integrate import STABLE_RADIUS, Plan, Run, fastest_rate, run
 from .kernels import one_kernel
-from .lanes import CHUNK, count_lanes, each_lane, over_lanes, own_axes
+from .lanes import CHUNK, alone, count_lanes, each_lane, over_lanes, own_axes
 from .motion import PASSIVE, state_size
 from .speed_profile import Speed, SpeedProfile
 from .track import TangentTrack, Track, check_track
@@ -168,7 +168,8 @@ def simulate(
         result, code = over_lanes(function, trees, axes, lanes, chunk, spread=True)
     else:
         # in a transformation it is the outermost function that can be one kernel (`railjax.jit`)
-        result, code = function(trees) if traced else _one_run(plan)(trees)
+        single = alone(function, _axes, chunk, spread=True) if traced else _one_run(plan)
+        result, code = single(jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), trees) if traced else trees)
     code = jnp.where(too_large, int(Result.STEP_TOO_LARGE), code)
     time = jnp.arange(plan.samples) * (plan.every * dt)
     return Simulation(time, result.records, result.reductions, result.final, code, speed, jnp.asarray(dt), vehicle.name)
@@ -210,11 +211,28 @@ def _one_run(plan: Plan) -> Callable[[tuple], tuple[Run, Array]]:
     return jax.jit(one_kernel(_run(plan)))
 
 
+#: lanes whose dt is checked together: their matrices stay in cache
+CHECKED = 8
+
+
 @jax.jit
 def _fastest(vehicle: Vehicle, speed: Speed, damper: Damper, enough: Scalar) -> Array:
     """Fastest rate of each lane, 1/s, at the lowest speed; loosely where it is surely below `enough`."""
     slowest = jnp.min(speed.speed) if isinstance(speed, SpeedProfile) else speed
-    trees, axes = (vehicle, slowest, damper, enough), (own_axes(vehicle), 0, own_axes(damper), 0)
+    trees = jax.tree.map(lambda leaf: jax.lax.stop_gradient(jnp.asarray(leaf, float)), (vehicle, slowest, damper, enough))
+    axes = _rate_axes(*trees)
+    lanes = count_lanes(trees, axes)
+    if lanes is None:
+        return alone(_fastest_of, _rate_axes, CHECKED, spread=False)(trees)
+    return over_lanes(_fastest_of, trees, axes, lanes, CHECKED)
+
+
+def _rate_axes(vehicle: Vehicle, slowest: Scalar, damper: Damper, enough: Scalar) -> tuple:
+    return own_axes(vehicle), 0, own_axes(damper), 0
+
+
+def _fastest_of(trees: tuple) -> Array:
+    axes = _rate_axes(*trees)
     return fastest_rate(*trees) if count_lanes(trees, axes) is None else each_lane(fastest_rate, trees, axes)
 
 
@@ -271,6 +289,7 @@ MOST_STEPS = 1e10
 
 
 def check_speed(speed: Speed) -> None:
+    """Refuse speeds that are not positive and finite, where they are known."""
     values = speed.speed if isinstance(speed, SpeedProfile) else speed
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)):
         return

@@ -13,6 +13,7 @@ SUFFIXES: dict[str, dict[str, float]] = {
     "N s/m": {"Ns_per_m": 1.0, "kNs_per_m": 1e3},
     "N m/rad": {"Nm_per_rad": 1.0, "kNm_per_rad": 1e3, "MNm_per_rad": 1e6},
     "Pa": {"Pa": 1.0, "MPa": 1e6, "GPa": 1e9},
+    "s": {"s": 1.0, "ms": 1e-3},
     "1": {"": 1.0},
 }
 

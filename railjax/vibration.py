@@ -19,6 +19,8 @@ RUNNING = 1.0  # ISO 2631-1, for MTVV
 
 #: the third octaves of Sperling's index: n of 10^(n/10) Hz, 0.5 to 31.5 Hz
 THIRD_OCTAVES = tuple(range(-3, 16))
+#: the edges of the lowest and the highest, Hz
+SPERLING_BAND = tuple(10.0 ** ((n + half) / 10.0) for n, half in ((THIRD_OCTAVES[0], -0.5), (THIRD_OCTAVES[-1], 0.5)))
 
 
 def weighted_acceleration(acceleration: ArrayLike, sampling_rate: float | int, name: str) -> History:

@@ -9,7 +9,10 @@ import pytest
 import scipy.optimize
 
 import railjax
-from railjax.linear import HIGHEST
+import railjax.crossing
+import railjax.lanes
+import railjax.vehicle
+from railjax.linear import HIGHEST, LOWEST, POINTS
 
 SUSPENSION = [path for path, _ in railjax.parameters() if path.startswith(("primary.", "secondary."))]
 
@@ -126,6 +129,97 @@ def test_batch_equals_single_and_marks_failures(coach):
         return jnp.sum(jnp.where(jnp.isfinite(speed), speed, 0.0))
 
     assert np.all(np.isfinite(np.asarray(jax.grad(total)(conicity))))
+
+
+def scattered(name, span, lanes, seed=0):
+    """Variants with every parameter of a vehicle multiplied by up to exp(span) either way."""
+    base = vehicle = railjax.load_vehicle(name)
+    rng = np.random.default_rng(seed)
+    for path, _ in railjax.parameters(base):
+        value = float(railjax.get_parameter(base, path))
+        vehicle = railjax.set_parameter(vehicle, path, jnp.asarray(value * np.exp(rng.uniform(-span, span, lanes))))
+    return vehicle
+
+
+def growths(vehicle, damper, speeds):
+    """Largest real part by NumPy, of every lane at its own speeds: (k, lanes) -> (k, lanes)."""
+    axes = railjax.lanes.own_axes(vehicle)
+    moved = jax.tree.map(lambda leaf, own: -1 if jnp.ndim(leaf) > own else None, vehicle, axes)
+    at = jax.jit(jax.vmap(lambda one, speed: railjax.state_matrix(one, speed, damper), in_axes=(moved, 0)))
+    return np.array([np.linalg.eigvals(np.asarray(at(vehicle, jnp.asarray(row)))).real.max(axis=-1) for row in speeds])
+
+
+@pytest.mark.parametrize(
+    ("name", "span", "lanes", "damper"),
+    [
+        ("coach", np.log(1.5), 100, railjax.PassiveDamper()),
+        ("coach", np.log(10.0), 100, railjax.MaxwellDamper()),
+        ("crh380a", np.log(10.0), 64, railjax.PassiveDamper()),
+        ("single-wheelset", np.log(10.0), 64, railjax.PassiveDamper()),
+    ],
+    ids=["coach", "wild coach with Maxwell dampers", "wild crh380a", "wild wheelset"],
+)
+def test_first_crossing_of_scattered_variants_against_all_eigenvalues(name, span, lanes, damper):
+    """Stable at every speed of the grid below, on the axis there, unstable just above: by NumPy's eigenvalues."""
+    vehicle = railjax.vehicle.without_labels(scattered(name, span, lanes))
+    found = jax.tree.map(np.asarray, railjax.linear_critical(vehicle, damper=damper))
+    grid = np.linspace(LOWEST, HIGHEST, POINTS)
+    growth = growths(vehicle, damper, np.broadcast_to(grid[:, None], (POINTS, lanes)))
+    # what double precision leaves open: the round-off of eigenvalues
+    zero = 1e-5
+    for k, code in enumerate(found.code):
+        if code == railjax.Stability.OK:
+            assert np.all(growth[grid < found.speed[k], k] < zero)
+        elif code == railjax.Stability.STABLE:
+            assert np.all(growth[:, k] < zero)
+        else:
+            assert code == railjax.Stability.UNSTABLE
+            assert growth[0, k] > -zero
+    ok = found.code == railjax.Stability.OK
+    assert ok.sum() > lanes / 3
+    speed = np.where(ok, found.speed, 50.0)
+    near = growths(vehicle, damper, speed * np.array([[1.0 - 1e-3], [1.0], [1.0 + 1e-3]]))[:, ok]
+    assert np.all(np.abs(near[1]) < zero)
+    moves = 1e-3 * (speed * found.growth_per_speed)[ok]
+    clear = moves > 1e-4  # others rise so slowly that round-off or curvature hides it
+    assert np.all((near[0] < 0.0)[clear])
+    assert np.all((near[2] > 0.0)[clear])
+    assert clear.mean() > 0.6
+
+
+def test_lanes_without_a_proof_take_the_robust_way(coach, monkeypatch):
+    stiffness = jnp.linspace(2e6, 5e6, 4)
+    proved = railjax.linear_critical(railjax.replace(coach, primary__stiffness_x=stiffness))
+    monkeypatch.setattr(railjax.crossing, "ROUNDS", -1)
+    jax.clear_caches()
+    left_over = railjax.linear_critical(railjax.replace(coach, primary__stiffness_x=stiffness))
+    jax.clear_caches()
+    for ours, theirs in zip(proved, left_over, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-8)
+
+
+def test_batch_vmap_and_single_give_the_same_derivatives(coach):
+    """Speed and frequency, both modes, with a damper that has internal states."""
+    values = jnp.array([2.5e6, 4e6])
+
+    def of(value):
+        vehicle = railjax.replace(coach, primary__stiffness_x=value)
+        found = railjax.linear_critical(vehicle, damper=railjax.MaxwellDamper())
+        return found.speed, found.frequency
+
+    _, linear = jax.linearize(of, values)
+    forward = linear(jnp.ones(2))
+    transposed = jax.linear_transpose(linear, values)
+    alone = jax.vmap(jax.jacfwd(of))(values)  # one vehicle's function, mapped by the user
+    step = 1e-4 * values
+    moved = of(jnp.concatenate([values + step, values - step]))
+    for k, name in enumerate(("speed", "frequency")):
+        (reverse,) = transposed(tuple(jnp.full(2, float(k == other)) for other in range(2)))
+        np.testing.assert_allclose(forward[k], alone[k], rtol=1e-7, err_msg=name)
+        np.testing.assert_allclose(reverse, alone[k], rtol=1e-7, err_msg=name)
+        np.testing.assert_allclose((moved[k][:2] - moved[k][2:]) / (2 * step), alone[k], rtol=1e-5, err_msg=name)
+    with pytest.raises(NotImplementedError):
+        jax.hessian(lambda value: jnp.sum(of(value)[0]))(values)
 
 
 def test_no_critical_speed_is_said(coach):

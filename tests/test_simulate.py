@@ -51,6 +51,35 @@ def test_every_argument_may_carry_lanes(coach):
         np.testing.assert_allclose(by_damper["carbody_y"][..., k], alone["carbody_y"], rtol=1e-9, atol=1e-14)
 
 
+def test_a_users_vmap_runs_as_the_batch_does(coach, smooth):
+    """The same chunks, to the last bit; nested, compiled and differentiated as well."""
+    speeds, stiffness = jnp.linspace(30.0, 70.0, 70), jnp.linspace(2e6, 5e6, 70)
+    name = "rms:carbody_y"
+
+    def rms(vehicle, speed, k_ox):
+        return run(railjax.replace(vehicle, primary__stiffness_x=k_ox), speed, duration=0.1, record=(), reduce=[name])[name]
+
+    own = rms(coach, speeds, stiffness)
+    assert np.array_equal(jax.vmap(rms, (None, 0, 0))(coach, speeds, stiffness), own)
+    lowered = jax.jit(jax.vmap(rms, (None, 0, 0))).lower(coach, speeds, stiffness).as_text()
+    assert "tensor<34x32xf64>" in lowered  # chunks, lanes last
+    assert "tensor<34x70xf64>" not in lowered
+    several, two = speeds[::35], stiffness[::35]
+    nested = jax.jit(jax.vmap(jax.vmap(rms, (None, None, 0)), (None, 0, None)))(coach, several, two)
+    np.testing.assert_allclose(jnp.diag(nested), own[::35], rtol=1e-9)
+
+    def total(k_ox):
+        return jnp.sum(rms(smooth, several, k_ox))
+
+    def mapped(k_ox):
+        return jnp.sum(jax.vmap(rms, (None, 0, 0))(smooth, several, k_ox))
+
+    expected = jax.jit(jax.grad(total))(two)
+    np.testing.assert_allclose(jax.jit(jax.grad(mapped))(two), expected, rtol=1e-9)
+    along = jax.jit(lambda k_ox: jax.jvp(mapped, (k_ox,), (two,))[1])(two)
+    np.testing.assert_allclose(along, jnp.sum(expected * two), rtol=1e-9)
+
+
 def test_vmap_and_jit_by_the_user_give_the_same(coach):
     speeds = jnp.array([40.0, 55.0])
     own = run(coach, speeds)["carbody_y"]

@@ -378,3 +378,11 @@ def test_bad_files_are_refused_in_one_line(tmp_path, header, options, message):
     with pytest.raises(railjax.InputError, match=message) as caught:
         railjax.MeasuredTrack.from_csv(path, **options)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_track_of_many_points_runs(coach):
+    """JAX 0.10.1 would spread the gathers of more than 64 thousand points over threads, which one kernel cannot have."""
+    track = railjax.RandomTrack("erri-low", length=24e3)
+    for speed in (50.0, jnp.array([50.0, 60.0])):
+        run = railjax.simulate(coach, speed, track=track, duration=1.5, record=(), reduce=("rms:carbody_acceleration",))
+        assert np.all(np.asarray(run["rms:carbody_acceleration"]) > 1e-4)

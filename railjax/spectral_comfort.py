@@ -1,0 +1,47 @@
+"""Ride comfort out of a response spectrum, without a time history: what `comfort` finds on average in long records of it."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .errors import InputError
+from .frequency import FrequencyResponse
+from .smooth import sqrt_of_square
+from .vibration import BLOCK, SPERLING_BAND, mean_comfort
+
+#: the 95th percentile of a standard normal number
+NORMAL_95 = 1.6448536269514722
+
+
+class SpectralComfort(NamedTuple):
+    """Per place and lane: weighted r.m.s. a_w (Wd, m/s^2), the lateral part of EN 12299's N_MV, Sperling's Wz."""
+
+    rms: Float[Array, "..."]
+    mean: Float[Array, "..."]
+    sperling: Float[Array, "..."]
+
+
+def spectral_comfort(response: FrequencyResponse, channel: str = "floor_acceleration") -> SpectralComfort:
+    """Lateral ride comfort of a Gaussian, stationary response (`frequency_response`, or that of `statistical_linearisation`).
+
+    N_MV takes the 95th percentile of the r.m.s. of 5 s. The mean square of T = 5 s of a process of one-sided spectrum G has the
+    mean m = ∫ G df and, for T well above the correlation time, the variance ∫ G² df/T (Bendat and Piersol); it is taken as
+    gamma-distributed, with the percentile of Wilson and Hilferty (1931). Wz: that of `sperling` with its defaults. Differentiable.
+    Raises `InputError` if the response lacks the channel: record=("floor_acceleration",).
+    """
+    if channel not in response.transfer:
+        raise InputError(f"the response lacks {channel!r}: frequency_response(..., record=[{channel!r}])")
+    rms = response.rms(channel, "Wd")
+    spread = jnp.sum(response.shares(channel, "Wd") * response.spectrum(channel, "Wd"), axis=0) / BLOCK
+    square = rms**2
+    # 2/(9 nu), nu = 2 m^2/variance degrees of freedom
+    narrow = spread / (9.0 * square**2)
+    percentile = square * (1.0 - narrow + NORMAL_95 * jnp.sqrt(narrow)) ** 3
+    low, high = SPERLING_BAND
+    within = (response.frequency >= low) & (response.frequency < high)
+    shares = response.shares(channel, "sperling-lateral")
+    within = within.reshape((len(within),) + (1,) * (shares.ndim - within.ndim) + within.shape[1:])
+    # amplitudes in cm/s^2: their squares add up to twice the mean square
+    total = 2e4 * jnp.sum(shares * within, axis=0)
+    return SpectralComfort(rms, mean_comfort([sqrt_of_square(percentile)]), total ** (1.0 / 6.67))
