@@ -287,9 +287,8 @@ def _share(found: Crossing) -> Float[Array, "k states states"]:
 
 def one_by_one(selected: Bool[Array, "lanes"], function: Callable[[Array], tuple], carry: tuple) -> tuple:
     """`carry` (lanes first) with `function(index)` in place of what stood there, for all selected lanes."""
-    order = jnp.argsort(~selected, stable=True)
 
-    def work(i: Array, carry: tuple) -> tuple:
-        return jax.tree.map(lambda all, new: all.at[order[i]].set(new), carry, function(order[i]))
+    def work(index: Int[Array, "1"], carry: tuple) -> tuple:
+        return jax.tree.map(lambda all, new: all.at[index[0]].set(new), carry, function(index[0]))
 
-    return jax.lax.fori_loop(0, jnp.sum(selected), work, carry)
+    return _in_pieces(selected, work, carry, 1)

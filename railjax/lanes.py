@@ -181,30 +181,27 @@ def _joined(leaf: jax.Array) -> jax.Array:
     return leaf.reshape((*leaf.shape[:-2], -1))
 
 
+def by_device(function: Callable[[Any], Any], trees: Any, axes: Any, chunk: int | None = None) -> Any:
+    """`function(trees)` of each device's share of the lanes, all of them at once or in chunks; outputs carry lanes on the last axis."""
+    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, trees))
+    batched = tuple(leaf.ndim > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True))
+    lanes = count_lanes(trees, axes)
+    prepare, work, finish = _stages(function, structure, batched, lanes, chunk or lanes, len(jax.local_devices()))
+    return finish(_on_devices(work)(*prepare(leaves)))
+
+
 def one_by_one(function: Callable[[Any], Any], trees: Any, axes: Any) -> Any:
     """`function(trees)` for one lane after another, for what branches or calls LAPACK; outputs carry lanes on the last axis.
 
     The lanes are shared out among the devices, each of which takes its own one by one.
     """
-    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, trees))
-    batched = tuple(leaf.ndim > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True))
 
     def single(chunk: Any) -> Any:
-        alone = [leaf[..., 0] if lane else leaf for leaf, lane in zip(jax.tree.leaves(chunk), batched, strict=True)]
-        return jax.tree.map(lambda leaf: leaf[..., None], function(structure.unflatten(alone)))
+        leaves, structure = jax.tree.flatten(chunk)
+        lone = [leaf[..., 0] if leaf.ndim > own else leaf for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True)]
+        return jax.tree.map(lambda leaf: leaf[..., None], function(structure.unflatten(lone)))
 
-    lanes, devices = count_lanes(trees, axes), len(jax.local_devices())
-    prepare, work, finish = _stages(single, structure, batched, lanes, 1, devices)
-    return finish(_on_devices(work)(*prepare(leaves)))
-
-
-def by_device(function: Callable[[Any], Any], trees: Any, axes: Any) -> Any:
-    """`function(trees)` of each device's share of the lanes, all of them at once; outputs carry lanes on the last axis."""
-    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, trees))
-    batched = tuple(leaf.ndim > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True))
-    lanes = count_lanes(trees, axes)
-    prepare, work, finish = _stages(function, structure, batched, lanes, lanes, len(jax.local_devices()))
-    return finish(_on_devices(work)(*prepare(leaves)))
+    return by_device(single, trees, axes, chunk=1)
 
 
 def each_lane(function: Callable[..., Any], trees: tuple, axes: tuple) -> Any:

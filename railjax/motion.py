@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .contact import ContactForce, contact_force, creepages
+from .contact import ContactForce, Creepage, contact_force, creepages
 from .dampers import Damper, PassiveDamper, Seen, law_of
 from .deflections import Groups, damper_point, deflections, join, size, split, transposed
 from .elements import bump_stop_force, yaw_damper_force, yaw_damper_states
@@ -31,6 +31,7 @@ class Motion(NamedTuple):
     accelerations: Groups  # q''
     deflection: Groups
     deflection_rate: Groups
+    creepage: Creepage
     contact: ContactForce
     damper_force: Float[Array, "n *lanes"]  # secondary lateral dampers of a bogie, N
     internal_rate: Float[Array, "k n *lanes"]  # rate of the lateral dampers' internal states
@@ -130,6 +131,7 @@ def motion(
         accelerations,
         deflection,
         rate,
+        creepage,
         contact,
         damper_force,
         internal_rate,
@@ -204,8 +206,8 @@ def linearised(
 ) -> Any:
     """What each state, then the alignment under each wheelset, does to `read` near straight running with linear creep.
 
-    `read` gives arrays with lanes last, in any tree; the result has a column there per entry of x, then per wheelset. With `flange` the flange is held in contact: k_f acts on y
-    from zero displacement on.
+    `read` gives arrays with lanes last, in any tree; the result has a column there per entry of x, then per wheelset.
+    With `flange` the flange is held in contact: k_f acts on y from zero displacement on.
     """
     states, (n, m) = state_size(vehicle, damper), wheelset_shape(vehicle)
     columns = states + n * m

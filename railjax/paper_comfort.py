@@ -187,7 +187,7 @@ def without_time(context: Context) -> Outcome:
     coach, spectrum, kmh = context.coach, "erri-high", 200.0
     cases = {"passive": PassiveDamper(), "balance logic": BalanceLogic(ALPHA)}
     speeds = np.arange(80.0, 231.0, 10.0)
-    quantities, statements = [], []
+    quantities = []
     with figure(rows=2, columns=2, height=3.0) as (page, axes):
         for column, (name, damper) in enumerate(cases.items()):
             run = ride(coach, jnp.asarray(speeds / KMH), real_track(spectrum), damper)
@@ -233,8 +233,7 @@ def without_time(context: Context) -> Outcome:
     )
     return Outcome(
         quantities,
-        statements,
-        [
+        pictures=[
             Picture(
                 "frequency-domain",
                 "Frequency domain against simulation",
@@ -243,7 +242,7 @@ def without_time(context: Context) -> Outcome:
                 page,
             )
         ],
-        ASSUMED,
+        assumptions=ASSUMED,
     )
 
 

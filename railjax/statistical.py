@@ -16,8 +16,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from .channels import check_channel
-from .contact import creepages, flange_force, saturation, saturation_factor
+from .channels import CHANNELS, check_channel
+from .contact import flange_force, saturation, saturation_factor
 from .dampers import Bogies, Damper, Seen, check_damper, law_of
 from .deflections import damper_point
 from .errors import InputError, NumericalError
@@ -130,25 +130,14 @@ def _solved(vehicle: Vehicle, speed: Scalar, damper: Damper, waves: Excitation, 
     given = vehicle, speed, damper, waves
     fixed = jax.lax.stop_gradient(given)
 
-    def local(vehicle: Vehicle, speed: Scalar, instant: Motion) -> dict[str, Float[Array, "..."]]:
-        slowness = 1.0 / jnp.asarray(speed, float)
-        deflection, rate = instant.deflection, instant.deflection_rate
-        y_rel = deflection["contact_y"] - instant.alignment
-        creepage = creepages(vehicle, slowness, y_rel, deflection["contact_psi"], rate["contact_y"], rate["contact_psi"])
-        signals = {"longitudinal": creepage.longitudinal, "lateral": creepage.lateral, "on_track": y_rel}
-        if "secondary_y" in deflection:
-            at = damper_point(deflection)
-            signals |= {"travel": deflection[at], "velocity": rate[at]}
-        return signals
-
     def response(given: tuple, gains: Gains, read):
         vehicle, speed, _, waves = given
         equivalent, element = _equivalent(vehicle, gains)
         return respond(equivalent, speed, waves.wavenumber, element, read, flange=True)
 
     def new_gains(given: tuple, gains: Gains) -> Gains:
-        vehicle, speed, damper, waves = given
-        _, signals, _ = response(given, gains, functools.partial(local, vehicle, speed))
+        vehicle, _, damper, waves = given
+        _, signals, _ = response(given, gains, _local)
         return _gains(vehicle, damper, signals, waves.variance)
 
     def improved(carry: tuple[Gains, Array, Array]) -> tuple[Gains, Array, Array]:
@@ -175,6 +164,20 @@ def _solved(vehicle: Vehicle, speed: Scalar, damper: Damper, waves: Excitation, 
     gains = gains_of(flat + jnp.linalg.solve(jnp.eye(flat.size) - slope, residual))
     frequency, transfer, growth = response(given, gains, functools.partial(read_channels, record))
     return frequency, transfer, growth, gains, change
+
+
+def _local(instant: Motion) -> dict[str, Float[Array, "..."]]:
+    """The signals on which the nonlinear laws depend."""
+    deflection, rate = instant.deflection, instant.deflection_rate
+    signals = {
+        "longitudinal": instant.creepage.longitudinal,
+        "lateral": instant.creepage.lateral,
+        "on_track": CHANNELS["wheelset_on_track"].read(instant),
+    }
+    if "secondary_y" in deflection:
+        at = damper_point(deflection)
+        signals |= {"travel": deflection[at], "velocity": rate[at]}
+    return signals
 
 
 def _equivalent(vehicle: Vehicle, gains: Gains) -> tuple[Vehicle, EquivalentDamper]:
