@@ -4,7 +4,7 @@ import functools
 import itertools
 from collections.abc import Callable
 from math import isqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -57,17 +57,32 @@ class Inputs(NamedTuple):
 
 
 @fence
-def advanced(x: State, rate: State, dt: Scalar) -> State:
-    """x + rate dt, the state at which the next stage looks."""
-    return x + rate * dt
+def _advanced(x: Any, rate: Any, dt: Scalar) -> Any:
+    return jax.tree.map(lambda x, rate: x + rate * dt, x, rate)
 
 
-def rk4(rate: Callable[[Inputs, State], State], x: State, first: State, dt: Scalar, mid: Inputs, end: Inputs) -> State:
-    """One classical Runge-Kutta step; `first` is x' at its start, `mid` and `end` the inputs half a step and a step later."""
-    second = rate(mid, advanced(x, first, 0.5 * dt))
-    third = rate(mid, advanced(x, second, 0.5 * dt))
-    fourth = rate(end, advanced(x, third, dt))
-    return x + (dt / 6.0) * (first + 2.0 * (second + third) + fourth)
+@fence
+def _combined(x: Any, first: Any, second: Any, third: Any, fourth: Any, dt: Scalar) -> Any:
+    def sum_of(x: Array, first: Array, second: Array, third: Array, fourth: Array) -> Array:
+        return x + (dt / 6.0) * (first + 2.0 * (second + third) + fourth)
+
+    return jax.tree.map(sum_of, x, first, second, third, fourth)
+
+
+def _in_rows(function: Callable[..., Any], x: Any, *rates: Any, dt: Scalar) -> Any:
+    """`function` on each array as one long row: a row per state would be a loop over one chunk of lanes, which LLVM unrolls before it
+    looks for vectors."""
+    long = [jax.tree.map(jnp.ravel, tree) for tree in (x, *rates)]
+    return jax.tree.map(lambda row, like: row.reshape(like.shape), function(*long, dt), x)
+
+
+def rk4(rate: Callable[[Inputs, Any], Any], x: Any, first: Any, dt: Scalar, mid: Inputs, end: Inputs) -> Any:
+    """One classical Runge-Kutta step of x, an array or a tree of them; `first` is x' at its start, `mid` and `end` the inputs half a
+    step and a step later."""
+    second = rate(mid, _in_rows(_advanced, x, first, dt=0.5 * dt))
+    third = rate(mid, _in_rows(_advanced, x, second, dt=0.5 * dt))
+    fourth = rate(end, _in_rows(_advanced, x, third, dt=dt))
+    return _in_rows(_combined, x, first, second, third, fourth, dt=dt)
 
 
 def largest_divisor(number: int, limit: int) -> int:
@@ -87,6 +102,7 @@ def run(
 ) -> Run:
     """Integrate from state x; every leaf may carry trailing lanes. `settle` seconds are left out of the reductions."""
     like = jnp.zeros((*layout(vehicle)["wheelset_y"], *x.shape[1:]), x.dtype)
+    count = size(vehicle)
     burst = largest_divisor(plan.every, BURST)
     bursts = plan.every // burst
     inputs = _inputs(vehicle, speed, track, like, dt, burst)
@@ -96,31 +112,37 @@ def run(
     def instant(now: Inputs, x: State) -> Motion:
         return motion(vehicle, damper, slowness if now.slowness is None else now.slowness, now.alignment, x)
 
-    def rate(now: Inputs, x: State) -> State:
-        return state_rate(vehicle, instant(now, x))
+    # q, q' and internal states each in an array of its own: then q' of a stage is also the rate of its q, and is never copied
+    def apart(x: State) -> list[Array]:
+        return jax.lax.split(x, (count, count, x.shape[0] - 2 * count))
+
+    whole = jnp.concatenate
+
+    def rate(now: Inputs, parts: list[Array]) -> list[Array]:
+        return apart(state_rate(vehicle, instant(now, whole(parts))))
 
     # reverse mode keeps x of every step and nothing else, and computes the stages again
     @functools.partial(jax.checkpoint, prevent_cse=False)
     def step(carry: Carry, now: tuple[Inputs, Inputs, Inputs, Array]) -> tuple[Carry, None]:
-        x, sums = carry
+        parts, sums = carry
         start, mid, end, time = now
-        at_start = instant(start, x)
+        at_start = instant(start, whole(parts))
         counted = jnp.where(time >= settle, 1.0, 0.0).astype(x.dtype)
         sums = tuple(
             _accumulate(how, total, CHANNELS[channel].read(at_start), counted)
             for (how, channel), total in zip(reductions, sums, strict=True)
         )
-        x = rk4(rate, x, state_rate(vehicle, at_start), dt, mid, end)
-        return (held(vehicle, damper, x), sums), None
+        parts = rk4(rate, parts, apart(state_rate(vehicle, at_start)), dt, mid, end)
+        return (apart(held(vehicle, damper, whole(parts))), sums), None
 
     def several_steps(carry: Carry, index: Array) -> tuple[Carry, None]:
         return jax.lax.scan(step, carry, inputs(index))[0], None
 
     def sample(carry: Carry, index: Array) -> tuple[Carry, tuple[dict[str, Array], Array]]:
-        x, _ = carry
+        x = whole(carry[0])
         at_start = instant(_first(inputs(index * bursts)), x)
         record = {name: CHANNELS[name].read(at_start) for name in plan.record}
-        within = jnp.max(jnp.abs(x[: size(vehicle)]), axis=0) < DIVERGED  # False for NaN as well
+        within = jnp.max(jnp.abs(carry[0][0]), axis=0) < DIVERGED  # False for NaN as well
         carry, _ = jax.lax.scan(several_steps, carry, index * bursts + jnp.arange(bursts))
         return carry, (record, ~within)
 
@@ -137,17 +159,17 @@ def run(
         jnp.zeros(shape.shape, shape.dtype)
         for shape in (jax.eval_shape(CHANNELS[channel].read, here) for _, channel in reductions)
     )
-    (x, sums), (records, outside) = jax.lax.scan(block, (held(vehicle, damper, x), zeros), indices)
+    (parts, sums), (records, outside) = jax.lax.scan(block, (apart(held(vehicle, damper, x)), zeros), indices)
     records = {name: value.reshape((plan.samples, *value.shape[2:])) for name, value in records.items()}
 
     steps = plan.samples * plan.every
     counted = jnp.maximum(steps - jnp.ceil(settle / dt - 1e-9), 1.0).astype(x.dtype)
     totals = {name: _finish(how, total, counted) for name, (how, _), total in zip(plan.reduce, reductions, sums, strict=True)}
-    within = jnp.max(jnp.abs(x[: size(vehicle)]), axis=0) < DIVERGED
-    return Run(records, totals, x, jnp.any(outside, axis=(0, 1)) | ~within)
+    within = jnp.max(jnp.abs(parts[0]), axis=0) < DIVERGED
+    return Run(records, totals, whole(parts), jnp.any(outside, axis=(0, 1)) | ~within)
 
 
-Carry = tuple[State, tuple[Array, ...]]
+Carry = tuple[list[Array], tuple[Array, ...]]
 
 #: what reverse mode may keep of a run, bytes; beyond that it keeps blocks of steps and computes the steps again (20 % slower)
 KEPT_BYTES = 2**26

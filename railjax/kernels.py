@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
 from jax.experimental.xla_metadata import set_xla_metadata
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -59,7 +60,12 @@ def jit(function: Callable[..., Any]) -> Callable[..., Any]:
     `jax.jit` on JAX 0.10.1, the same on 0.12; the numbers are the same. What XLA cannot put into one kernel (linear solvers,
     sorting, callbacks) is compiled as by `jax.jit`.
     """
-    plain, single = jax.jit(function), jax.jit(one_kernel(function))
+
+    # XLA aborts the process on an argument of the kernel for which it finds no use, so that each has one
+    def used(*arguments: Any) -> Any:
+        return function(*arguments), [jnp.ravel(leaf)[:1] for leaf in jax.tree.leaves(arguments)]
+
+    plain, single = jax.jit(function), jax.jit(one_kernel(used))
     refused = False
 
     @functools.wraps(function)
@@ -68,7 +74,7 @@ def jit(function: Callable[..., Any]) -> Callable[..., Any]:
         if refused or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments)):
             return plain(*arguments)
         try:
-            return single(*arguments)
+            return single(*arguments)[0]
         except jax.errors.JaxRuntimeError:
             refused = True
             return plain(*arguments)

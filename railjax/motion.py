@@ -16,6 +16,7 @@ from .contact import ContactForce, Creepage, contact_force, creepages
 from .dampers import Damper, PassiveDamper, Seen, law_of
 from .deflections import Groups, damper_point, deflections, join, size, split, transposed
 from .elements import bump_stop_force, yaw_damper_force, yaw_damper_states
+from .kernels import fence
 from .typing import Scalar
 from .vehicle import Vehicle, without_labels
 
@@ -38,6 +39,7 @@ class Motion(NamedTuple):
     elongation_rate: Float[Array, "s n *lanes"]  # rate of the yaw dampers' internal states, m/s
     alignment: Float[Array, "n m *lanes"]  # eta_i, m
     slowness: Scalar  # 1/v, s/m
+    velocity: Float[Array, "n *lanes"]  # q' as it lies in the state
     vehicle: Vehicle  # for what is read off it elsewhere, as on the floor
 
 
@@ -138,6 +140,7 @@ def motion(
         elongation_rate,
         alignment,
         slowness,
+        flat_rates,
         vehicle,
     )
 
@@ -178,10 +181,15 @@ def gyroscopic_coupling(vehicle: Vehicle, slowness: Scalar) -> Scalar:
 
 def state_rate(vehicle: Vehicle, instant: Motion) -> Float[Array, "states *lanes"]:
     """x' = [q', q'', rates of the internal states: lateral dampers, yaw dampers] of a `Motion`."""
-    pieces = join(vehicle, instant.rates) + join(vehicle, instant.accelerations)
+    pieces = [instant.velocity, _joined(join(vehicle, instant.accelerations))]
     for internal in (instant.internal_rate, instant.elongation_rate):
         if internal.shape[0]:
             pieces.append(internal.reshape((-1, *internal.shape[2:])))
+    return jnp.concatenate(pieces)
+
+
+@fence
+def _joined(pieces: list[Array]) -> Array:
     return jnp.concatenate(pieces)
 
 
