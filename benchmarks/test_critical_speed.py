@@ -1,4 +1,4 @@
-"""Linear critical speed: a grid of suspensions as one batch, with its gradient."""
+"""Critical speeds of a grid of suspensions as one batch: linear with its gradient, and nonlinear."""
 
 import time
 from collections.abc import Callable
@@ -133,6 +133,25 @@ def test_variants_of_the_suspension_with_gradient(benchmark: Any, note: Callable
 
 
 NONLINEAR_LIMIT = 60.0  # s for all variants, on two cores
+DWELLS, DWELL = 80, 4.0  # speeds, s at each
+LOWEST = 0.8  # of the linear critical speed
+
+
+def by_simulation(variants: railjax.Vehicle, linear: jax.Array) -> np.ndarray:
+    """Speeds (m/s) at which hunting stops when a batch of simulations goes down from 1.02 times the linear critical speed, dwelling
+    `DWELL` s at each speed: what one does without continuation. NaN where it goes on."""
+    state, first = {"wheelset_y": 9e-3}, None
+    stops = np.full(len(linear), np.nan)
+    for share in np.linspace(1.02, LOWEST, DWELLS):
+        settle = 0.5 * DWELL
+        duration = DWELL if first is not None else 5 * DWELL
+        options = {"initial": state, "duration": duration, "settle": settle, "record": (), "reduce": ["peak:wheelset_y"]}
+        run = railjax.simulate(variants, share * linear, **options)
+        amplitude = np.max(np.asarray(run["peak:wheelset_y"]), axis=0)
+        first = amplitude if first is None else first
+        stops = np.where(np.isnan(stops) & (amplitude < 0.1 * first), share * np.asarray(linear), stops)
+        state = run.final
+    return stops
 
 
 def test_grid_of_nonlinear_critical_speeds(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> None:
@@ -150,10 +169,23 @@ def test_grid_of_nonlinear_critical_speeds(benchmark: Any, note: Callable, coach
     middle = SIDE * SIDE // 2 + SIDE // 2
     alone = railjax.replace(coach, primary__stiffness_x=float(k_ox[middle]), primary__stiffness_y=float(k_oy[middle]))
     difference = abs(float(found.speed[middle] / railjax.nonlinear_critical(alone).speed) - 1.0)
-    folds = int(np.sum(np.asarray(found.code) == railjax.Hunting.OK))
+    folded = np.asarray(found.code) == railjax.Hunting.OK
+    folds = int(np.sum(folded))
+
+    linear = railjax.linear_critical(variants).speed
+    by_simulation(variants, linear)  # compiles
+    start = time.perf_counter()
+    stops = by_simulation(variants, linear)
+    simulated = time.perf_counter() - start
+    late = (np.asarray(found.speed) - stops)[folded & np.isfinite(stops)] * 3.6
     note(
         variants=len(k_ox),
         with_compilation_s=with_compilation,
+        simulated_s=simulated,
+        ratio_to_simulated=simulated / taken,
+        simulated_late_kmh=float(np.median(late)),
+        simulated_latest_kmh=float(np.max(late)),
+        simulated_to_the_end=int(np.sum(np.isfinite(stops))),
         per_variant_s=taken / len(k_ox),
         total_s=taken,
         folds=folds,
@@ -162,4 +194,6 @@ def test_grid_of_nonlinear_critical_speeds(benchmark: Any, note: Callable, coach
     assert np.array_equal(np.asarray(first.speed), np.asarray(found.speed), equal_nan=True)
     assert difference < AGREEMENT
     assert folds >= 0.95 * len(k_ox)
+    # simulation never stops hunting above the fold by more than its own step in speed
+    assert np.min(late) > -1.5 * (1.02 - LOWEST) / DWELLS * float(jnp.max(linear)) * 3.6
     assert taken < NONLINEAR_LIMIT
