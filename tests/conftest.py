@@ -1,7 +1,14 @@
 """Shapes and types of every annotated function are checked at run time; the tests run in double precision on all cores."""
 
+import os
+from pathlib import Path
+
 import pytest
 from jaxtyping import install_import_hook
+
+# nearly all of the tests' time is compilation: workers, subprocesses and later runs share what one of them has compiled
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
 
 install_import_hook("railjax", "beartype.beartype")
 
