@@ -23,7 +23,7 @@ from .frequency import FrequencyResponse, frequency_response
 from .hunting import Branch, LimitCycle, hunting_branch
 from .identify import Identification, identify_damper
 from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
-from .kernels import jit
+from .kernels import jit, keep_compiled
 from .lanes import use_all_cores
 from .linear import Stability, linear_critical, linear_critical_speed
 from .measured_track import MeasuredTrack
@@ -132,6 +132,7 @@ __all__ = [
     "identify_damper",
     "jit",
     "kalker_coefficients",
+    "keep_compiled",
     "linear_critical",
     "linear_critical_speed",
     "load_vehicle",

@@ -10,7 +10,10 @@ The attributes are XLA's own; a release that dropped them would only be slower (
 """
 
 import functools
+import os
+import platform
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
@@ -21,6 +24,24 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 #: options for batches on CPU: full-width vectors (1.2 times faster; single runs are slower with them)
 WIDE = {"xla_cpu_prefer_vector_width": 512}
+
+
+def keep_compiled(folder: str | Path | None = None) -> Path:
+    """Keep what is compiled on disk, so that later processes need not compile it again; call it before anything is computed.
+
+    `folder`: default a folder per machine below $XDG_CACHE_HOME or ~/.cache, as compiled code may use what another processor lacks.
+    A folder that JAX has been given already ($JAX_COMPILATION_CACHE_DIR, jax.config) is kept. Returns the folder. The command line
+    does it by itself; deleting the folder is always safe.
+    """
+    given = jax.config.jax_compilation_cache_dir
+    if given is not None:
+        return Path(given)
+    if folder is None:
+        base = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
+        folder = Path(base, "railjax", platform.node() or "this-machine")
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+    return Path(folder)
 
 
 def fence(function: F) -> F:

@@ -1,5 +1,9 @@
 """The attributes that make XLA compile few, large kernels: still understood, and without effect on the numbers."""
 
+import os
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -70,8 +74,30 @@ def test_a_parameter_of_no_use_does_no_harm(coach):
 
     def comfort(secondary):
         vehicle = railjax.replace(coach, secondary=secondary)
-        run = railjax.simulate(vehicle, 60.0, damper=railjax.BalanceLogic(0.5), duration=0.02, record=(), reduce=["rms:wheelset_y"])
+        run = railjax.simulate(
+            vehicle, 60.0, damper=railjax.BalanceLogic(0.5), duration=0.02, record=(), reduce=["rms:wheelset_y"]
+        )
         return run["rms:wheelset_y"]
 
     moving = jax.tree.map(jnp.asarray, coach.secondary)
     np.testing.assert_array_equal(railjax.jit(comfort)(moving), comfort(coach.secondary))
+
+
+def test_a_later_process_finds_what_was_compiled(tmp_path):
+    code = f"""
+import sys, jax, railjax
+hits = []
+jax.monitoring.register_event_listener(lambda event, **_: hits.append(event) if event.endswith("/cache_hits") else None)
+print(railjax.keep_compiled({str(tmp_path / "kept")!r}))
+railjax.use_double_precision()
+print(railjax.linear_critical_speed(railjax.load_vehicle("coach")))
+print(len(hits))
+"""
+    environment = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
+    first, second = (
+        subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stdout.split()
+        for _ in range(2)
+    )
+    assert first[0] == str(tmp_path / "kept")
+    assert first[:2] == second[:2]
+    assert first[2] == "0" < second[2]
