@@ -12,6 +12,7 @@ Importing it changes no JAX configuration and starts no backend.
 from . import objectives
 from .acceptance import Acceptance, acceptance, acceptance_of_record
 from .acceptance_record import RunningRecord, acceptance_channels
+from .animation import Film, animate, animation_channels
 from .bouc_wen import BoucWen
 from .calibrate import Calibration, calibrate
 from .channels import CHANNELS
@@ -72,6 +73,7 @@ __all__ = [
     "Comfort",
     "CriticalSpeed",
     "ErriSpectrum",
+    "Film",
     "ForcedRun",
     "FormulaSpectrum",
     "FraSpectrum",
@@ -118,6 +120,8 @@ __all__ = [
     "acceptance_channels",
     "acceptance_of_record",
     "alignment",
+    "animate",
+    "animation_channels",
     "calibrate",
     "comfort",
     "contact_ellipse",

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from .cli_acceptance import acceptance
+from .cli_animate import animate
 from .cli_comfort import comfort
 from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
 from .cli_damper import damper_app
@@ -24,6 +25,7 @@ app = typer.Typer(
 app.add_typer(damper_app, name="damper")
 app.command()(hunting)
 app.command()(acceptance)
+app.command()(animate)
 app.command()(comfort)
 app.command()(tune)
 app.command()(sweep)
