@@ -12,6 +12,7 @@ from .cli_comfort import comfort
 from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
 from .cli_damper import damper_app
 from .cli_hunting import hunting
+from .cli_report import report
 from .cli_simulate import DAMPERS, make_damper, make_track
 from .cli_sweep import sweep
 from .cli_tune import tune
@@ -27,6 +28,7 @@ app.command()(hunting)
 app.command()(acceptance)
 app.command()(animate)
 app.command()(comfort)
+app.command()(report)
 app.command()(tune)
 app.command()(sweep)
 

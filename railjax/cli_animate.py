@@ -65,7 +65,8 @@ def animate(
     if (mode is not None or (limit_cycle and damper == "passive")) and (start_s is not None or stop_s is not None):
         raise InputError(f"--start-s and --stop-s are for a run; {periodic} shows one period")
     from . import animate as film
-    from .animation import LAST, SUFFIXES
+    from .animation import SUFFIXES
+    from .courses import LAST
     from .units import KMH
 
     if out.suffix not in SUFFIXES:

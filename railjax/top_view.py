@@ -100,7 +100,7 @@ class TopView:
 
         look = {"facecolor": to_rgba(colour, alpha), "edgecolor": colour, "linewidth": 1.0}
         look = {"facecolor": "none", "edgecolor": "0.5", "linestyle": "--", "linewidth": 0.9} if held else look
-        artist = self.axes.add_patch(Polygon(shape + (position, 0.0), closed=True, zorder=order, **look))
+        artist = self.axes.add_patch(Polygon(shape + np.array([position, 0.0]), closed=True, zorder=order, **look))
         if not held:
             self._bodies.append((artist, shape, part, number, position))
 
