@@ -30,9 +30,10 @@ figcaption { font-size: .92rem; color: #444; margin-top: .4rem; }
 .fitted, .calibrated, .assumed, .recalled, .tuned { color: #8a4b00; } .no { color: #a00000; } .yes { color: #00603f; }
 .failed, .absent { border-left: .3rem solid #a00000; background: #fbf0ef; padding: .5rem .8rem; } .absent { border-color: #888; background: #f3f3f3; }
 footer { margin-top: 3rem; border-top: 1px solid #ddd; font-size: .85rem; color: #555; }
-@media screen and (max-width: 40rem) { .scroll.plot img { min-width: 32rem; } td, th { padding: .3rem .4rem; } }
+@media screen and (max-width: 40rem) { .scroll.plot img { min-width: 30rem; } td, th { padding: .3rem .4rem; }
+  td:last-child:not(.number, :nth-child(-n+3)) { min-width: 12rem; } }
 @media print { body { max-width: none; font-size: 10.5pt; padding: 0; } nav { display: none; } h2, h3 { break-after: avoid; }
-  table { font-size: 9pt; } .scroll { overflow: visible; } .tall { break-inside: auto; } a { color: inherit; text-decoration: none; } }
+  table { font-size: 9pt; } .scroll { overflow: visible; break-inside: avoid; } figure img { max-height: 19cm; width: auto; max-width: 100%; } a { color: inherit; text-decoration: none; } }
 """
 
 
@@ -93,11 +94,11 @@ def key_figures(entries: Iterable[tuple[str, str, str]]) -> str:
     return f'<dl class="key">{shown}</dl>\n'
 
 
-def figure(slug: str, title: str, alternative: str, caption: str, source: str, tall: bool = False) -> str:
-    """A figure from a data URI; without a title where the section's own says it. `tall` ones may break over pages."""
+def figure(slug: str, title: str, alternative: str, caption: str, source: str) -> str:
+    """A figure from a data URI; without a title where the section's own says it."""
     heading = f"<h3>{escape(title)}</h3>" if title else ""
     return (
-        f'<figure id="{escape(slug)}"{" class=tall" if tall else ""}>{heading}<div class="scroll plot">'
+        f'<figure id="{escape(slug)}">{heading}<div class="scroll plot">'
         f'<img alt="{escape(alternative)}" src="{source}"></div>'
         f"<figcaption>{escape(caption)}</figcaption></figure>\n"
     )

@@ -1,6 +1,5 @@
 """The sections of a vehicle's report on its ride: comfort over speed, and passive against semi-active dampers."""
 
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +13,7 @@ from .motion import PASSIVE
 from .plots import COLOURS, figure, legend_above
 from .random_track import RandomTrack
 from .report_page import paragraph, table
-from .report_sections import Absent, Part, Subject, drawn
+from .report_subject import Absent, Part, Subject, drawn
 from .responses import step
 from .semiactive import BalanceLogic, Skyhook
 from .simulate import simulate
@@ -121,7 +120,12 @@ def passive_and_semiactive(subject: Subject) -> Part:
         legend_above(axes[0, 0])
     passive = found["passive"][0][here]
     rows = [
-        (name, f"{felt[here]:.3f}", f"{100.0 * (felt[here] / passive - 1.0):+.0f}", f"{1e3 * travel[here]:.1f}")
+        (
+            name,
+            f"{felt[here]:.3f}",
+            "-" if name == "passive" else f"{100.0 * (felt[here] / passive - 1.0):+.0f}",
+            f"{1e3 * travel[here]:.1f}",
+        )
         for name, (felt, travel) in found.items()
     ]
     head = ("Secondary lateral damper", "a_w (Wd), m/s²", "against passive, %", "largest travel, mm")
@@ -167,9 +171,3 @@ def _ride(
     travel = np.asarray(run["peak:secondary_travel"]).max(axis=0)
     usable = np.asarray(run.ok)
     return np.where(usable, felt, np.nan), np.where(usable, travel, np.nan)
-
-
-SECTIONS = [
-    ("comfort", "Comfort over speed", comfort_over_speed),
-    ("dampers", "Passive against semi-active damper", passive_and_semiactive),
-]

@@ -14,17 +14,30 @@ from typing import Any
 import jax
 import numpy as np
 
-from . import report_ride, report_sections
 from .errors import InputError, NumericalError
 from .precision import require_double_precision
+from .report_hunting import bifurcation, critical_speeds, sensitivity
 from .report_page import Section, key_figures, page, paragraph
-from .report_sections import Absent, Part, Subject, all_parameters
+from .report_ride import comfort_over_speed, passive_and_semiactive
+from .report_subject import Absent, Part, Subject
+from .report_vehicle import about, all_parameters, loci, modal
 from .simulate import check_speed
 from .spectra import spectrum
 from .typing import Scalar
 from .vehicle import Vehicle
 
-ALL = (*report_sections.SECTIONS, *report_ride.SECTIONS, ("parameters", "All parameters", all_parameters))
+#: name, title and function of each section
+ALL: tuple[tuple[str, str, Callable[[Subject], Part]], ...] = (
+    ("vehicle", "The vehicle", about),
+    ("modes", "Modes", modal),
+    ("root-locus", "Root locus", loci),
+    ("critical-speeds", "Critical speeds", critical_speeds),
+    ("bifurcation", "Bifurcation diagram", bifurcation),
+    ("sensitivity", "Which parameters decide the critical speeds", sensitivity),
+    ("comfort", "Comfort over speed", comfort_over_speed),
+    ("dampers", "Passive against semi-active damper", passive_and_semiactive),
+    ("parameters", "All parameters", all_parameters),
+)
 #: names of the sections, in their order
 SECTIONS = tuple(slug for slug, *_ in ALL)
 
