@@ -56,6 +56,18 @@ class Film:
         return f"{self.path}: {self.frames} pictures, displacements magnified {self.magnified:g} times, slow motion 1:{self.slow:.3g}"
 
 
+def check_name(out: Path) -> None:
+    """Refuse, before any work, what no film can be written to."""
+    from matplotlib.animation import FFMpegWriter
+
+    if out.suffix not in SUFFIXES:
+        raise InputError(f"{out}: an animation's name must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+    if not out.parent.is_dir():
+        raise InputError(f"{out}: cannot be written (there is no folder {out.parent})")
+    if out.suffix == ".mp4" and not FFMpegWriter.isAvailable():
+        raise InputError(f"{out}: there is no ffmpeg to write .mp4 with; install it, or write a .gif or .html")
+
+
 def animate(
     vehicle: Vehicle,
     motion: Simulation | LimitCycle | Modes,
@@ -82,8 +94,7 @@ def animate(
     `NumericalError` for a run that diverged.
     """
     out = Path(out)
-    if out.suffix not in SUFFIXES:
-        raise InputError(f"{out}: an animation's name must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+    check_name(out)
     for name, value in (("slow", slow), ("magnified", magnified)):
         if value is not None and not (np.isfinite(value) and value > 0):
             raise InputError(f"{name} must be a positive number, not {value!r}")
@@ -197,8 +208,6 @@ def _write(stage: Stage, out: Path, rate: float, progress: Callable[[int, int], 
     import matplotlib as mpl
     from matplotlib.animation import FFMpegWriter, HTMLWriter, PillowWriter
 
-    if out.suffix == ".mp4" and not FFMpegWriter.isAvailable():
-        raise InputError(f"{out}: there is no ffmpeg to write .mp4 with; install it, or write a .gif or .html")
     count = len(stage.course.time)
     tell = None if progress is None else (lambda done, _: progress(done + 1, count))
     writers = {

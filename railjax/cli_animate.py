@@ -65,12 +65,11 @@ def animate(
     if (mode is not None or (limit_cycle and damper == "passive")) and (start_s is not None or stop_s is not None):
         raise InputError(f"--start-s and --stop-s are for a run; {periodic} shows one period")
     from . import animate as film
-    from .animation import SUFFIXES
+    from .animation import check_name
     from .courses import LAST
     from .units import KMH
 
-    if out.suffix not in SUFFIXES:
-        raise InputError(f"--out {out}: the name must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
+    check_name(out)
     loaded = load(vehicle)
     speed = speed_kmh / KMH
     law = make_damper(damper, loaded, speed, alpha)

@@ -94,6 +94,13 @@ def comfort_over_speed(subject: Subject) -> Part:
     return Part(paragraph(said) + body + drawn("comfort", alternative, caption, page), numbers, headline)
 
 
+def controlled(vehicle: Vehicle) -> dict[str, Damper]:
+    """The controlled dampers that are compared, skyhook's valve in proportion to the vehicle's own damping."""
+    own = float(vehicle.secondary.damping_y)
+    balance = {f"balance logic, α = {alpha:g}": BalanceLogic(alpha) for alpha in ALPHAS}
+    return {**balance, "skyhook, on/off": Skyhook(damping_min=SKYHOOK[0] * own, damping_max=SKYHOOK[1] * own)}
+
+
 def passive_and_semiactive(subject: Subject) -> Part:
     """The same track ridden with the vehicle's own lateral dampers and with controlled ones in their place."""
     _needs_carbody(subject)
@@ -103,11 +110,7 @@ def passive_and_semiactive(subject: Subject) -> Part:
         raise Absent("The vehicle has no secondary lateral dampers that a controlled one could replace.")
     speeds = _speeds(subject, COARSE)
     track = RandomTrack(subject.spectrum, seed=SEED)
-    dampers = {
-        "passive": PASSIVE,
-        **{f"balance logic, α = {alpha:g}": BalanceLogic(alpha) for alpha in ALPHAS},
-        "skyhook, on/off": Skyhook(damping_min=SKYHOOK[0] * own, damping_max=SKYHOOK[1] * own),
-    }
+    dampers = {"passive": PASSIVE, **controlled(vehicle)}
     found = {name: _ride(vehicle, speeds, track, damper) for name, damper in dampers.items()}
     here = int(np.argmin(np.abs(speeds - subject.speed)))
     with figure(rows=2, height=2.7, share_x=True) as (page, axes):
