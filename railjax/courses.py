@@ -134,8 +134,9 @@ def of_mode(vehicle: Vehicle, found: Modes, mode: int = 0) -> Course:
         raise InputError(f"mode {mode}, {found.names[mode]}, does not oscillate, so there is nothing to film")
     time = np.arange(PERIOD_FRAMES) / PERIOD_FRAMES / frequency
     turning = np.exp(2j * np.pi * frequency * time)
-    shape = jnp.asarray(found.shapes[:, mode])
-    pieces = {name: np.ravel(np.asarray(part)) for name, part in split(vehicle, shape).items()}
+    shape = found.shapes[:, mode]
+    parts = split(vehicle, jnp.asarray(np.column_stack([shape.real, shape.imag])))
+    pieces = {name: np.asarray(part).reshape(-1, 2) @ np.array([1.0, 1.0j]) for name, part in parts.items()}
     coordinates = {name: np.real(turning[:, None] * pieces[name]) for name in seen_coordinates(vehicle)}
     title = (
         f"{vehicle.name or 'Vehicle'} at {found.speed * KMH:.1f} km/h: {found.names[mode]}, {frequency:.2f} Hz, "

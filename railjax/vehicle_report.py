@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 
 from .errors import InputError, NumericalError
+from .lanes import count_lanes, own_axes
 from .precision import require_double_precision
 from .report_hunting import bifurcation, critical_speeds, sensitivity
 from .report_page import Section, key_figures, page, paragraph
@@ -24,7 +24,8 @@ from .report_vehicle import about, all_parameters, loci, modal
 from .simulate import check_speed
 from .spectra import spectrum
 from .typing import Scalar
-from .vehicle import Vehicle
+from .units import KMH
+from .vehicle import Vehicle, without_labels
 
 #: name, title and function of each section
 ALL: tuple[tuple[str, str, Callable[[Subject], Part]], ...] = (
@@ -86,6 +87,8 @@ def vehicle_report(
     Raises `InputError` for lanes, an unknown section or track, a speed that is not positive. Needs double precision.
     """
     require_double_precision("the report")
+    if count_lanes((without_labels(vehicle),), (own_axes(without_labels(vehicle)),)) is not None:
+        raise InputError("a report is on one vehicle; this one has lanes")
     for name in sections:
         if name not in SECTIONS:
             raise InputError(f"no section {name!r}; there are {', '.join(SECTIONS)}")
@@ -93,8 +96,6 @@ def vehicle_report(
         check_speed(speed)
     spectrum(track)
     subject = Subject(vehicle, None if speed is None else float(speed), track)
-    if np.ndim(subject.linear.code):
-        raise InputError("a report is on one vehicle; this one has lanes")
     chosen = [entry for entry in ALL if entry[0] in sections]
     tell = (lambda *_: None) if progress is None else progress
     parts, failed, absent, seconds = {}, {}, {}, {}
@@ -139,7 +140,7 @@ def _put_together(
         "vehicle": vehicle.name,
         "railjax": __version__,
         "jax": jax.__version__,
-        "speed_kmh": subject.speed * 3.6,
+        "speed_kmh": subject.speed * KMH,
         "track": subject.spectrum,
         "key_figures": [list(entry) for entry in headlines],
         "sections": {slug: {**part.numbers, "seconds": seconds[slug]} for slug, part in parts.items()},
