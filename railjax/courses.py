@@ -63,7 +63,7 @@ def of_simulation(vehicle: Vehicle, run: Simulation, start: Any = None, stop: An
     start = max(stop - LAST, 0.0) if start is None else float(start)
     if not 0.0 <= start < stop <= last * (1.0 + 1e-9):
         raise InputError(f"start and stop must lie within the run, 0 to {last:g} s, not {start:g} and {stop:g}")
-    frames = int((stop - start) * slow * RATE) + 1
+    frames = int((stop - start) * slow * RATE + 1e-6) + 1
     if not 2 <= frames <= MOST_FRAMES:
         raise InputError(f"{stop - start:g} s, {slow:g} times slower, are {frames} pictures; 2 to {MOST_FRAMES} can be made")
     time = start + np.arange(frames) / (slow * RATE)
