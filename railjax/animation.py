@@ -87,7 +87,7 @@ def animate(
     `motion` is a `Simulation` that has recorded `animation_channels(vehicle)` (of which `start` to `stop` s are shown, default the
     last 1.5), a `LimitCycle` of `hunting_branch` (one period, integrated with the `damper` that it belongs to), or `Modes`, of which the
     one numbered `mode` is shown as a steady oscillation of arbitrary amplitude. The film runs `slow` times slower than the motion
-    (default 5 for a simulation; else one period in 2.4 s); displacements and yaw angles are drawn `magnified` times (default up to 0.4 m), which the
+    (default 5 for a simulation; else one period in 2.4 s); displacements and yaw angles are drawn `magnified` times (default up to 0.5 m), which the
     picture says. `progress(done, total)` is called for every picture.
 
     Raises `InputError` for another suffix, missing channels (named), lanes, an overdamped mode, a span outside the run;

@@ -20,7 +20,7 @@ OVERHANG, HALF_BODY, HALF_WHEEL, HALF_RAIL, HALF_SLEEPER, SLEEPERS = 2.6, 1.4, 0
 #: m; half of what is shown at least, which the drawing's height suits
 LONG = 4.2
 #: how far, in m of the drawing, the largest displacement is to be seen
-SEEN = 0.4
+SEEN = 0.5
 
 #: lateral alignment (m) at distances (m) ahead of the car body's centre
 Alignment = Callable[[Float[np.ndarray, "points"]], Float[np.ndarray, "points"]]
@@ -33,7 +33,7 @@ def seen_coordinates(vehicle: Vehicle) -> list[str]:
 
 
 def magnification(largest: float) -> float:
-    """1, 2 or 5 times a power of ten by which a displacement of `largest` m is drawn up to 0.4 m; 1 where nothing moves."""
+    """1, 2 or 5 times a power of ten by which a displacement of `largest` m is drawn up to 0.5 m; 1 where nothing moves."""
     if not largest > 0.0:
         return 1.0
     exponent, power = SEEN / largest, 10.0 ** np.floor(np.log10(SEEN / largest))

@@ -97,7 +97,7 @@ def test_any_number_of_bogies_and_axles(coach, bogies, axles):
 
 
 def test_magnification_is_a_round_number():
-    assert [magnification(largest) for largest in (0.009, 0.008, 0.004, 1.0, 0.0)] == [20.0, 50.0, 100.0, 0.2, 1.0]
+    assert [magnification(largest) for largest in (0.009, 0.008, 0.004, 1.0, 0.0)] == [50.0, 50.0, 100.0, 0.5, 1.0]
 
 
 def test_a_mode_turns_once(bogie):
