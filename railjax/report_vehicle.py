@@ -4,6 +4,7 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from .courses import MODE_AMPLITUDE, of_mode
 from .modes import Modes, RootLocus, modes, root_locus
@@ -18,23 +19,22 @@ from .vehicle import Vehicle, get_parameter, parameters
 LOCUS = (0.15, 1.25)
 
 
-def shown(value: float, unit: str) -> tuple[str, str]:
-    """Value and unit as engineers write them: kN/m or MN/m, mm for what is small."""
+def shown(value: Float[np.ndarray, "*points"], unit: str) -> tuple[str, str]:
+    """Value (or a table's values) and unit as engineers write them: kN/m or MN/m, mm for what is small."""
+    values = np.atleast_1d(value)
+    largest, factor, name = np.max(np.abs(values)), 1.0, "" if unit == "1" else unit.replace("^2", "²")
     if unit.startswith("N"):
-        factor, prefix = next((f, p) for f, p in ((1e6, "M"), (1e3, "k"), (1.0, "")) if abs(value) >= f or f == 1.0)
-        return f"{value / factor:.6g}", prefix + unit
-    if unit == "m" and 0.0 < abs(value) < 0.05:
-        return f"{1e3 * value:.6g}", "mm"
-    return f"{value:.6g}", "" if unit == "1" else unit
+        factor, prefix = next(((f, p) for f, p in ((1e6, "M"), (1e3, "k")) if largest >= f), (1.0, ""))
+        name = prefix + name
+    elif unit == "m" and 0.0 < largest < 0.1 and (values.size > 1 or largest < 0.05):
+        factor, name = 1e-3, "mm"
+    return ", ".join(f"{one / factor:.6g}" for one in values), name
 
 
 def _cells(vehicle: Vehicle, path: str, entry: Any) -> tuple[str, str, str, str]:
     """Meaning, symbol, value and unit of a parameter, as HTML."""
-    about, value = entry.metadata, np.asarray(get_parameter(vehicle, path), float)
-    pairs = [shown(float(one), about["unit"]) for one in np.ravel(value)]
-    text = ", ".join(number for number, _ in pairs) if len({unit for _, unit in pairs}) == 1 else ", ".join(map(" ".join, pairs))
-    unit = pairs[0][1].replace("^2", "²")
-    return escape(about["meaning"]), symbol(about["symbol"]), escape(text), escape(unit)
+    text, unit = shown(np.asarray(get_parameter(vehicle, path), float), entry.metadata["unit"])
+    return escape(entry.metadata["meaning"]), symbol(entry.metadata["symbol"]), escape(text), escape(unit)
 
 
 def symbol(plain: str) -> str:

@@ -12,6 +12,7 @@ from railjax import report_ride
 from railjax.cli import status
 from railjax.report import render
 from railjax.report_page import Section, bullets, figure, page, paragraph, table
+from railjax.report_vehicle import shown
 from railjax.sensitivity import changes, counted, fold_gradient
 from railjax.vehicle import parameters
 from railjax.vehicle_report import SECTIONS
@@ -238,6 +239,24 @@ def test_a_vehicle_that_no_speed_makes_hunt(wheelset):
     assert set(made.absent) == {"bifurcation", "sensitivity"}
     assert "stable up to 540 km/h" in made.absent["bifurcation"]
     assert made.content["sections"]["critical-speeds"]["linear_kmh"] is None
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "expected"),
+    [
+        (3.2276e6, "N/m", ("3.2276", "MN/m")),
+        (25e3, "N s/m", ("25", "kN s/m")),
+        (0.0, "N s/m", ("0", "N s/m")),
+        (8.74e-3, "m", ("8.74", "mm")),
+        (1.28, "m", ("1.28", "m")),
+        (750.0, "kg m^2", ("750", "kg m²")),
+        (0.4, "1", ("0.4", "")),
+        ([0.025, 0.065], "m", ("25, 65", "mm")),
+        ([0.0, 17170.0, 230e3], "N", ("0, 17.17, 230", "kN")),
+    ],
+)
+def test_values_are_shown_as_engineers_write_them(value, unit, expected):
+    assert shown(np.array(value), unit) == expected
 
 
 def test_lanes_are_refused(wheelset):
