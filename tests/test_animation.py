@@ -3,6 +3,7 @@
 import dataclasses
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from chromium import looked_at, needs_chromium
@@ -155,10 +156,10 @@ def test_what_is_missing_is_named(wheelset, coach, run):
         of_simulation(wheelset, run, 0.5, 3.0)
     with pytest.raises(railjax.InputError, match="500001 pictures"):
         of_simulation(wheelset, run, 0.5, 1.5, slow=25e3)
-    lanes = dataclasses.replace(run, code=np.zeros(2, int))
+    lanes = dataclasses.replace(run, code=jnp.zeros(2, int))
     with pytest.raises(railjax.InputError, match="2 lanes"):
         of_simulation(wheelset, lanes)
-    gone = dataclasses.replace(run, code=np.asarray(1))
+    gone = dataclasses.replace(run, code=jnp.asarray(1))
     with pytest.raises(railjax.NumericalError, match="diverged"):
         of_simulation(wheelset, gone)
     two = railjax.replace(wheelset)
@@ -174,21 +175,23 @@ def test_what_is_missing_is_named(wheelset, coach, run):
         of_mode(coach, damped, overdamped)
 
 
-def test_writes_a_gif_that_goes_round(wheelset, still, tmp_path):
+def test_writes_a_gif_that_goes_round(wheelset, run, tmp_path):
     seen = []
-    film = railjax.animate(wheelset, still, tmp_path / "mode.gif", progress=lambda *step: seen.append(step))
-    assert film.frames == PERIOD_FRAMES
-    assert seen == [(k + 1, PERIOD_FRAMES) for k in range(PERIOD_FRAMES)]
+    film = railjax.animate(
+        wheelset, run, tmp_path / "run.gif", start=1.0, stop=1.2, slow=2, progress=lambda *step: seen.append(step)
+    )
+    assert film.frames == 9
+    assert seen == [(k + 1, 9) for k in range(9)]
     with Image.open(film.path) as image:
-        assert image.n_frames == PERIOD_FRAMES
+        assert image.n_frames == 9
         assert image.info["loop"] == 0
+        assert image.info["duration"] == 50
         pictures = []
-        for k in (0, PERIOD_FRAMES // 2):
+        for k in (0, 8):
             image.seek(k)
             pictures.append(np.asarray(image.convert("L"), float))
-    changed = np.abs(pictures[0] - pictures[1]) > 100
-    assert changed.sum() > 500
-    assert "magnified 50 times" in str(film)
+    assert (np.abs(pictures[0] - pictures[1]) > 100).sum() > 500
+    assert f"{film.magnified:g} times, slow motion 1:2" in str(film)
 
 
 @needs_chromium
@@ -231,7 +234,7 @@ def test_command_line(tmp_path, capsys):
     assert content["frames"] == PERIOD_FRAMES
     assert out.stat().st_size > 10_000
     out = tmp_path / "run.gif"
-    arguments = ["--speed-kmh", "108", "--duration-s", "1", "--start-s", "0.9", "--out", str(out)]
+    arguments = ["--speed-kmh", "108", "--duration-s", "0.5", "--start-s", "0.45", "--out", str(out)]
     assert status(["animate", "single-wheelset", *arguments]) == 0
     assert "slow motion 1:5" in capsys.readouterr().out
 
