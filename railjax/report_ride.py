@@ -121,19 +121,13 @@ def passive_and_semiactive(subject: Subject) -> Part:
         axes[0, 0].set(ylabel="$a_w$ (Wd), m/s²", ylim=(0.0, None))
         axes[1, 0].set(ylabel="largest travel, mm", xlabel="speed, km/h", ylim=(0.0, None))
         legend_above(axes[0, 0])
-    passive = found["passive"][0][here]
+    rms = {name: float(felt[here]) for name, (felt, _) in found.items()}
+    against = {name: 100.0 * (value / rms["passive"] - 1.0) for name, value in rms.items() if name != "passive"}
     rows = [
-        (
-            name,
-            f"{felt[here]:.3f}",
-            "-" if name == "passive" else f"{100.0 * (felt[here] / passive - 1.0):+.0f}",
-            f"{1e3 * travel[here]:.1f}",
-        )
-        for name, (felt, travel) in found.items()
+        (name, _text(rms[name], ".3f"), _text(against.get(name, np.nan), "+.0f"), _text(1e3 * float(travel[here]), ".1f"))
+        for name, (_, travel) in found.items()
     ]
     head = ("Secondary lateral damper", "a_w (Wd), m/s²", "against passive, %", "largest travel, mm")
-    best = min(list(found)[1:], key=lambda name: found[name][0][here])
-    gain = 100.0 * (found[best][0][here] / passive - 1.0)
     said = f"At {subject.speed * KMH:.0f} km/h on {subject.spectrum}, simulated with the nonlinear contact and the sharp, sampled control laws."
     caption = (
         f"Weighted acceleration of the floor (worst place) and largest travel of the secondary suspension, {DURATION - SETTLE:g} s on one realisation of {subject.spectrum} (seed {SEED}) "
@@ -148,10 +142,16 @@ def passive_and_semiactive(subject: Subject) -> Part:
         "weighted_rms": {name: felt.tolist() for name, (felt, _) in found.items()},
         "largest_travel_mm": {name: (1e3 * travel).tolist() for name, (_, travel) in found.items()},
     }
-    headline = [
-        (f"semi-active at {subject.speed * KMH:.0f} km/h", f"{gain:+.0f} %", f"weighted acceleration, {best} against passive")
-    ]
+    gains = {name: value for name, value in against.items() if np.isfinite(value)}
+    best = min(gains, key=lambda name: gains[name], default="")
+    remark = f"weighted acceleration, {best} against passive"
+    headline = [(f"semi-active at {subject.speed * KMH:.0f} km/h", f"{gains[best]:+.0f} %", remark)] if best else []
     return Part(paragraph(said) + table(head, rows, (1, 2, 3)) + drawn("dampers", alternative, caption, page), numbers, headline)
+
+
+def _text(value: float, form: str) -> str:
+    """A dash for what is not a number."""
+    return format(value, form) if np.isfinite(value) else "-"
 
 
 def _ride(
