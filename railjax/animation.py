@@ -103,9 +103,9 @@ def animate(
     elif start is not None or stop is not None:
         raise InputError("start and stop are for a Simulation; a limit cycle or a mode is shown for one period")
     elif isinstance(motion, LimitCycle):
-        course = of_limit_cycle(vehicle, motion, damper)
+        course = of_limit_cycle(vehicle, motion, damper, slow)
     else:
-        course = of_mode(vehicle, motion, mode)
+        course = of_mode(vehicle, motion, mode, slow)
     course = course if title is None else course._replace(title=title)
     if course.period is None:
         slower = SLOW if slow is None else slow

@@ -24,7 +24,9 @@ from .vehicle import Vehicle
 PERIOD_FRAMES, RATE = 48, 20.0
 #: of a simulation: the last seconds that are shown, and how many times slower than they were
 LAST, SLOW = 1.5, 5.0
-MOST_FRAMES = 2000
+FEWEST_FRAMES, MOST_FRAMES = 16, 2000
+#: 1/s; GIFs cannot be shown faster
+FASTEST_RATE = 50.0
 #: m; largest displacement of a mode, which has none of its own
 MODE_AMPLITUDE = 8e-3
 
@@ -96,13 +98,25 @@ def of_simulation(vehicle: Vehicle, run: Simulation, start: Any = None, stop: An
     return Course(time, run_by(time), coordinates, alignment, None, f"{vehicle.name or 'Vehicle'}{speed}")
 
 
-def of_limit_cycle(vehicle: Vehicle, cycle: LimitCycle, damper: Damper = PASSIVE) -> Course:
+def pictures(period: float, slow: float | int | None) -> int:
+    """How many a period is cut into: 48, or as many as suit the rate of the film `slow` times slower."""
+    if slow is None:
+        return PERIOD_FRAMES
+    frames = int(np.clip(round(RATE * period * slow), FEWEST_FRAMES, MOST_FRAMES))
+    if frames > FASTEST_RATE * period * slow:
+        least = FEWEST_FRAMES / FASTEST_RATE / period
+        raise InputError(f"slow must be at least {least:.2g} for a motion of {1.0 / period:.2f} Hz, not {slow:g}")
+    return frames
+
+
+def of_limit_cycle(vehicle: Vehicle, cycle: LimitCycle, damper: Damper = PASSIVE, slow: float | int | None = None) -> Course:
     """One period of a limit cycle."""
     if not cycle.amplitude > 0.0:
         raise InputError("the Hopf point itself has no amplitude; take a limit cycle beside it")
     period = 1.0 / cycle.frequency
-    every = int(np.ceil(period / PERIOD_FRAMES / (0.5 * float(largest_step(vehicle, jnp.asarray(cycle.speed), damper)))))
-    sample = period / PERIOD_FRAMES
+    frames = pictures(period, slow)
+    every = int(np.ceil(period / frames / (0.5 * float(largest_step(vehicle, jnp.asarray(cycle.speed), damper)))))
+    sample = period / frames
     names = seen_coordinates(vehicle)
     run = simulate(
         vehicle,
@@ -114,7 +128,7 @@ def of_limit_cycle(vehicle: Vehicle, cycle: LimitCycle, damper: Damper = PASSIVE
         initial=cycle.state,
         record=names,
     )
-    coordinates = {name: np.asarray(run[name], float).reshape(PERIOD_FRAMES, -1) for name in names}
+    coordinates = {name: np.asarray(run[name], float).reshape(frames, -1) for name in names}
     kind = "stable" if cycle.stable else "unstable"
     title = (
         f"{vehicle.name or 'Vehicle'}: {kind} limit cycle at {cycle.speed * KMH:.1f} km/h, {1e3 * cycle.amplitude:.2f} mm, "
@@ -124,7 +138,7 @@ def of_limit_cycle(vehicle: Vehicle, cycle: LimitCycle, damper: Damper = PASSIVE
     return Course(time, cycle.speed * time, coordinates, None, period, title)
 
 
-def of_mode(vehicle: Vehicle, found: Modes, mode: int = 0) -> Course:
+def of_mode(vehicle: Vehicle, found: Modes, mode: int = 0, slow: float | int | None = None) -> Course:
     """One period of a mode as a steady oscillation."""
     count = len(found.names)
     if not 0 <= mode < count:
@@ -132,7 +146,8 @@ def of_mode(vehicle: Vehicle, found: Modes, mode: int = 0) -> Course:
     frequency = float(found.frequency[mode])
     if not frequency > 0.0:
         raise InputError(f"mode {mode}, {found.names[mode]}, does not oscillate, so there is nothing to film")
-    time = np.arange(PERIOD_FRAMES) / PERIOD_FRAMES / frequency
+    frames = pictures(1.0 / frequency, slow)
+    time = np.arange(frames) / frames / frequency
     turning = np.exp(2j * np.pi * frequency * time)
     shape = found.shapes[:, mode]
     parts = split(vehicle, jnp.asarray(np.column_stack([shape.real, shape.imag])))

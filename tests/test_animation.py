@@ -115,6 +115,15 @@ def test_a_mode_turns_once(bogie):
     assert found.names[1] in course.title
 
 
+def test_a_period_is_cut_as_the_slow_motion_wants(bogie):
+    found = railjax.modes(bogie, 60.0)
+    period = 1.0 / found.frequency[0]
+    assert len(of_mode(bogie, found, slow=40.0).time) == round(20.0 * 40.0 * period)
+    assert len(of_mode(bogie, found, slow=0.35 / period).time) == 16
+    with pytest.raises(railjax.InputError, match="slow must be at least"):
+        of_mode(bogie, found, slow=0.3 / period)
+
+
 def test_a_limit_cycle_is_its_own_mirror_image_half_a_period_later(wheelset):
     cycle = railjax.hunting_branch(wheelset, highest_speed=36.0).at(34.0)
     course = of_limit_cycle(wheelset, cycle)
