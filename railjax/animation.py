@@ -107,14 +107,12 @@ def animate(
     else:
         course = of_mode(vehicle, motion, mode, slow)
     course = course if title is None else course._replace(title=title)
-    if course.period is None:
-        slower = SLOW if slow is None else slow
-    else:
-        slower = PERIOD_FRAMES / RATE / course.period if slow is None else slow
+    usual = SLOW if course.period is None else PERIOD_FRAMES / RATE / course.period
+    slower = float(usual if slow is None else slow)
     factor = magnification(largest_displacement(vehicle, course)) if magnified is None else float(magnified)
     rate = RATE if course.period is None else len(course.time) / (course.period * slower)
     _write(Stage(vehicle, course, factor, slower), out, rate, progress)
-    return Film(out, len(course.time), factor, float(slower))
+    return Film(out, len(course.time), factor, slower)
 
 
 #: part -> label in the time histories, colour; the first bogie and wheelset
