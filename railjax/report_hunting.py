@@ -9,15 +9,15 @@ import numpy as np
 from .errors import NumericalError
 from .linear import HIGHEST, linear_critical_speed
 from .modes import modes
-from .plots import figure, legend_above, tornado
+from .plots import figure, tornado
 from .report_page import paragraph, table
 from .report_subject import Part, Subject, drawn
 from .sensitivity import changes, fold_gradient, parameter_label
 from .units import KMH
 from .vehicle import parameters
 
-#: parameters in the chart of sensitivities
-BARS = 18
+#: most parameters in the chart of sensitivities, and the share of the longest bar below which they are left out
+BARS, LEAST = 18, 5e-3
 
 
 def critical_speeds(subject: Subject) -> Part:
@@ -70,7 +70,8 @@ def bifurcation(subject: Subject) -> Part:
         f"Amplitude of wheelset {branch.wheelset + 1} from the front over speed: stable limit cycles solid, unstable ones dashed. The Hopf point is {branch.criticality}. "
         f"Error of the Floquet multipliers at most {max(point.floquet.error for point in branch.points):.0e}. {branch.note}"
     )
-    events = "".join(f" {event.kind} at {event.speed * KMH:.1f} km/h." for event in branch.events)
+    events = ", ".join(f"{event.kind} at {event.speed * KMH:.1f} km/h" for event in branch.events)
+    events = f" Stability also changes here: {events}." if events else ""
     alternative = (
         f"Bifurcation diagram from {branch.speed.min() * KMH:.0f} to {branch.speed.max() * KMH:.0f} km/h, {branch.criticality}."
     )
@@ -102,17 +103,17 @@ def sensitivity(subject: Subject) -> Part:
         missing = f" The nonlinear critical speed was not found: {error}."
     size = {path: max(abs(found[path]) for found in of.values()) for path in of["linear critical speed"]}
     paths = sorted(size, key=lambda path: -size[path])
-    chosen = paths[:BARS]
+    chosen = [path for path in paths[:BARS] if size[path] > LEAST * size[paths[0]]]
+    left_out = paths[len(chosen) :]
     with figure(height=0.8 + 0.3 * len(chosen)) as (page, axes):
         bars = {kind: np.array([found[path] for path in chosen]) for kind, found in of.items()}
         labels = [parameter_label(vehicle, path) for path in chosen]
         tornado(axes[0, 0], labels, bars, "change for 10 % more of the parameter, km/h")
-        legend_above(axes[0, 0])
-    rest = (
-        f" The other {len(paths) - BARS} parameters move neither by more than {size[paths[BARS]]:.2g} km/h."
-        if len(paths) > BARS
-        else ""
-    )
+        # beside the labels there is no room for it above the axes, and within them it would hide bars
+        axes[0, 0].get_legend().remove()
+        page.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=len(bars))
+    most = f"moves either by more than {size[left_out[0]]:.2g} km/h" if left_out and size[left_out[0]] else "has any part in them"
+    rest = f" None of the other {len(left_out)} parameters {most}." if left_out else ""
     symbols = {path: entry.metadata["symbol"] for path, entry in parameters(vehicle)}
     caption = (
         "Exact gradients (through the fold of the limit cycles by the implicit function) times a tenth of each value, or the stated amount where it is zero. "
