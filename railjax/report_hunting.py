@@ -48,7 +48,7 @@ def critical_speeds(subject: Subject) -> Part:
         rows.append(("nonlinear: below it nothing makes the vehicle hunt", f"{lowest * KMH:.1f} km/h", of, what))
         headline.append(("nonlinear critical speed", f"{lowest * KMH:.1f} km/h", what))
         said = paragraph(
-            f"Between the two a disturbance that is large enough makes the vehicle hunt, a small one dies out: {(speed - lowest) * KMH:.1f} km/h that "
+            f"Between the two a disturbance that is large enough makes the vehicle hunt, a small one dies out: {(speed - lowest) * KMH:.3g} km/h that "
             "linear theory does not see."
             if folded
             else "Limit cycles leave the linear critical speed towards higher speeds (supercritical), so it is the nonlinear one as well."
