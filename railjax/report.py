@@ -24,6 +24,9 @@ def render(results: dict[str, Any], pictures: Sequence[dict[str, str]]) -> str:
         Section("beyond", "Numbers that the paper does not give", _beyond(beyond)),
         Section("assumptions", "Assumptions", bullets(results["assumptions"])),
     ]
+    given = {"comparison": compared, "statements": results["statements"], "figures": pictures, "beyond": beyond}
+    # of a few studies alone, some are empty
+    sections = [part for part in sections if given.get(part.slug, results["assumptions"])]
     heading = f"A magneto-rheological hybrid damper for railway vehicle suspensions: reproduced with railjax {results['railjax']}"
     return page("railjax: reproduction", heading, paragraph(results["summary"]), sections, f"JAX {escape(results['jax'])}")
 
