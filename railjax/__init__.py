@@ -12,10 +12,12 @@ Importing it changes no JAX configuration and starts no backend.
 from . import objectives
 from .acceptance import Acceptance, acceptance, acceptance_of_record
 from .acceptance_record import RunningRecord, acceptance_channels
+from .animation import Film, animate
 from .bouc_wen import BoucWen
 from .calibrate import Calibration, calibrate
 from .channels import CHANNELS
 from .comfort import Comfort, comfort, floor_acceleration
+from .courses import animation_channels
 from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
 from .dampers import MaxwellDamper, PassiveDamper
 from .errors import InputError, NumericalError
@@ -52,6 +54,7 @@ from .tuning import tune
 from .tuning_result import Tuning
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
 from .vehicle_files import load_vehicle, packaged_vehicles
+from .vehicle_report import VehicleReport, vehicle_report
 from .vibration import sperling, weighted_acceleration, weighted_rms
 from .weightings import weighting, weighting_filter
 
@@ -72,6 +75,7 @@ __all__ = [
     "Comfort",
     "CriticalSpeed",
     "ErriSpectrum",
+    "Film",
     "ForcedRun",
     "FormulaSpectrum",
     "FraSpectrum",
@@ -113,11 +117,14 @@ __all__ = [
     "TangentTrack",
     "Tuning",
     "Vehicle",
+    "VehicleReport",
     "YawDamper",
     "acceptance",
     "acceptance_channels",
     "acceptance_of_record",
     "alignment",
+    "animate",
+    "animation_channels",
     "calibrate",
     "comfort",
     "contact_ellipse",
@@ -162,6 +169,7 @@ __all__ = [
     "tune",
     "use_all_cores",
     "use_double_precision",
+    "vehicle_report",
     "weighted_acceleration",
     "weighted_rms",
     "weighting",

@@ -7,10 +7,12 @@ from typing import Annotated, Any
 import typer
 
 from .cli_acceptance import acceptance
+from .cli_animate import animate
 from .cli_comfort import comfort
 from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
 from .cli_damper import damper_app
 from .cli_hunting import hunting
+from .cli_report import report
 from .cli_simulate import DAMPERS, make_damper, make_track
 from .cli_sweep import sweep
 from .cli_tune import tune
@@ -24,7 +26,9 @@ app = typer.Typer(
 app.add_typer(damper_app, name="damper")
 app.command()(hunting)
 app.command()(acceptance)
+app.command()(animate)
 app.command()(comfort)
+app.command()(report)
 app.command()(tune)
 app.command()(sweep)
 

@@ -64,7 +64,8 @@ def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
     matrix = np.asarray(state_matrix(vehicle, speed, damper))
     if not np.all(np.isfinite(matrix)):
         raise NumericalError("the state matrix is not finite; look for a mass or stiffness that is far from any vehicle's")
-    values, left, right = eig(matrix, left=True, right=True)
+    # complex even where all modes are overdamped
+    values, left, right = (array.astype(complex) for array in eig(matrix, left=True, right=True))
     keep = np.flatnonzero(values.imag >= 0)
     keep = keep[np.argsort(-values[keep].real, kind="stable")]
     values, left, right = values[keep], left[:, keep], right[:, keep]

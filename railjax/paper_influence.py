@@ -1,7 +1,5 @@
 """What the suspension's values decide: figs. 7-9 (critical speeds), what every parameter of Table 1 does to them, fig. 10."""
 
-import re
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +9,7 @@ from .linear import linear_critical, linear_critical_speed
 from .paper_hunting import PAPER_LINEAR, PAPER_NONLINEAR
 from .paper_passive import AMPLITUDE, ASSUMED_TRACK, WAVELENGTH, periodic_run
 from .plots import COLOURS, figure, legend_above, mark_paper, tornado
+from .sensitivity import changes, parameter_label
 from .study import Context, Outcome, Picture, Statement, study
 from .units import KMH
 from .vehicle import Vehicle, get_parameter, parameters, replace, set_parameter
@@ -151,38 +150,14 @@ def suspension_influence(context: Context) -> Outcome:
     return Outcome(statements=statements, pictures=pictures, assumptions=assumptions)
 
 
-#: change by which parameters count that are zero in the coach, by unit
-OF_ZERO = {"N s/m": (10e3, "10 kN s/m"), "N m/rad": (1e6, "1 MN m/rad")}
 SHOWN = 0.2  # km/h; parameters that move neither critical speed by more are listed, not drawn
 
 
 def sensitivities(vehicle: Vehicle, share: float = 0.1) -> dict[str, tuple[float, float]]:
-    """Change of the linear and the nonlinear critical speed (km/h) by the gradient, for `share` more of every parameter.
-
-    Parameters that are zero count with the changes of `OF_ZERO`, and not at all where that names none for their unit.
-    """
+    """Change of the linear and the nonlinear critical speed (km/h) by the gradient, for `share` more of every parameter that counts."""
     gradients = jax.grad(linear_critical_speed)(vehicle), jax.grad(nonlinear_critical_speed)(vehicle)
-    changes = {}
-    for path, entry in parameters():
-        if not entry.metadata["symbol"]:
-            continue  # widths of the smooth twins
-        value = float(get_parameter(vehicle, path))
-        change = share * value if value else OF_ZERO.get(entry.metadata["unit"], (0.0, ""))[0]
-        linear, nonlinear = (float(get_parameter(gradient, path)) * change * KMH for gradient in gradients)
-        changes[path] = (linear, nonlinear)
-    return changes
-
-
-def _labels(vehicle: Vehicle, paths: list[str]) -> list[str]:
-    """Symbol and meaning, and by how much the parameter is changed where that is not a tenth."""
-    entries = dict(parameters())
-    texts = []
-    for path in paths:
-        about = entries[path].metadata
-        symbol = re.sub(r"^(rho|mu|lambda|delta)", r"\\\1", re.sub(r"_(\w+)", r"_{\1}", about["symbol"]))
-        added = "" if float(get_parameter(vehicle, path)) else f" (+{OF_ZERO[about['unit']][1]})"
-        texts.append(f"{about['meaning']} ${symbol}${added}")
-    return texts
+    linear, nonlinear = (changes(vehicle, gradient, share) for gradient in gradients)
+    return {path: (linear[path], nonlinear[path]) for path in linear}
 
 
 @study("sensitivity", "Which parameters decide the critical speeds")
@@ -196,7 +171,12 @@ def sensitivity(context: Context) -> Outcome:
     bars = np.array([changes[path] for path in shown])
     with figure(height=0.6 + 0.3 * len(shown)) as (page, axes):
         kinds = {"linear critical speed": bars[:, 0], "nonlinear critical speed": bars[:, 1]}
-        tornado(axes[0, 0], _labels(context.coach, shown), kinds, "change for 10 % more of the parameter, km/h")
+        tornado(
+            axes[0, 0],
+            [parameter_label(context.coach, path) for path in shown],
+            kinds,
+            "change for 10 % more of the parameter, km/h",
+        )
     picture = Picture(
         "sensitivity",
         "Change of the critical speeds by ten per cent more of each parameter",
