@@ -14,6 +14,7 @@ from .cli_hunting import hunting
 from .cli_simulate import DAMPERS, make_damper, make_track
 from .cli_sweep import sweep
 from .cli_tune import tune
+from .cli_vehicles import check, vehicles_app
 from .errors import InputError, NumericalError
 
 app = typer.Typer(
@@ -21,6 +22,8 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+app.add_typer(vehicles_app, name="vehicles")
+app.command()(check)
 app.add_typer(damper_app, name="damper")
 app.command()(hunting)
 app.command()(acceptance)
@@ -58,16 +61,6 @@ def status(arguments: list[str]) -> int:
 def _fail(message: str, code: int) -> int:
     print(f"railjax: {message}", file=sys.stderr)
     return code
-
-
-@app.command()
-def vehicles(as_json: AsJson = False) -> None:
-    """List the packaged vehicles."""
-    from . import load_vehicle, packaged_vehicles
-
-    found = {name: load_vehicle(name) for name in packaged_vehicles()}
-    content = {"vehicles": [{"name": name, "note": vehicle.note} for name, vehicle in found.items()]}
-    show(content, [f"{name:16s} {vehicle.note}" for name, vehicle in found.items()], as_json)
 
 
 @app.command()

@@ -8,8 +8,22 @@ import typer
 
 from .errors import InputError
 
+
+
+def complete_vehicle(incomplete: str) -> list[str]:
+    """Packaged vehicles for the shell's completion; where none fits, the shell completes files."""
+    from .vehicle_files import packaged_vehicles
+
+    return [name for name in packaged_vehicles() if name.startswith(incomplete)]
+
+
 VehicleName = Annotated[
-    str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")
+    str,
+    typer.Argument(
+        metavar="VEHICLE",
+        help="A packaged vehicle (see 'railjax vehicles') or a TOML file.",
+        autocompletion=complete_vehicle,
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]
 
