@@ -9,7 +9,9 @@ import typer
 from .cli_common import AsJson, VehicleName, complete_vehicle, show
 from .errors import InputError
 
-vehicles_app = typer.Typer(help="List the packaged vehicles; write a vehicle file of your own (new).", invoke_without_command=True)
+vehicles_app = typer.Typer(
+    help="List the packaged vehicles; write a vehicle file of your own (new).", invoke_without_command=True
+)
 
 
 @vehicles_app.callback()

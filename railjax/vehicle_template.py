@@ -79,16 +79,17 @@ def _part(part: str, kind: type, values: Any, marks: dict[str, str]) -> list[str
 
 def _assignment(name: str, value: Any, unit: str) -> str:
     """`mass_t = 30.76`: in the handy unit if that gives the value back to the last bit, else in one that does; SI always does."""
-    suffix, factor = handy(float(np.max(value)) if value is not None else 0.0, unit)
+    choice = handy(float(np.max(value)) if value is not None else 0.0, unit)
     if value is None:
-        return f"{name}_{suffix} =" if suffix else f"{name} ="
-    for suffix, factor in ((suffix, factor), *SUFFIXES[unit].items()):
-        texts = [f"{entry / factor:.15g}" for entry in np.ravel(value)]
-        if all(float(text) * factor == entry for text, entry in zip(texts, np.ravel(value), strict=True)):
+        return f"{name}_{choice[0]} =" if choice[0] else f"{name} ="
+    given = np.ravel(value)
+    for suffix, factor in (choice, *SUFFIXES[unit].items()):  # noqa: B007
+        texts = [f"{entry / factor:.15g}" for entry in given]
+        if all(float(text) * factor == entry for text, entry in zip(texts, given, strict=True)):
             break
     else:
         suffix = next(key for key, one in SUFFIXES[unit].items() if one == 1.0)
-        texts = [repr(float(entry)) for entry in np.ravel(value)]
+        texts = [repr(float(entry)) for entry in given]
     text = f"[{', '.join(texts)}]" if np.ndim(value) else texts[0]
     return f"{name}_{suffix} = {text}" if suffix else f"{name} = {text}"
 
