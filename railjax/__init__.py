@@ -51,7 +51,9 @@ from .track import BumpTrack, SinusoidTrack, TangentTrack, alignment
 from .tuning import tune
 from .tuning_result import Tuning
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
+from .vehicle_check import VehicleCheck, check_vehicle
 from .vehicle_files import load_vehicle, packaged_vehicles
+from .vehicle_template import vehicle_toml
 from .vibration import sperling, weighted_acceleration, weighted_rms
 from .weightings import weighting, weighting_filter
 
@@ -113,12 +115,14 @@ __all__ = [
     "TangentTrack",
     "Tuning",
     "Vehicle",
+    "VehicleCheck",
     "YawDamper",
     "acceptance",
     "acceptance_channels",
     "acceptance_of_record",
     "alignment",
     "calibrate",
+    "check_vehicle",
     "comfort",
     "contact_ellipse",
     "creep_coefficients",
@@ -161,6 +165,7 @@ __all__ = [
     "tune",
     "use_all_cores",
     "use_double_precision",
+    "vehicle_toml",
     "weighted_acceleration",
     "weighted_rms",
     "weighting",

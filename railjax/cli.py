@@ -39,7 +39,7 @@ class Stopped(Exception):
 class Group(TyperGroup):
     """Takes Ctrl-C before typer does, which would end without a word."""
 
-    def invoke(self, ctx: typer.Context) -> Any:
+    def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as stop:
