@@ -2,28 +2,32 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from .cli_common import AsJson, VehicleName, complete_vehicle, show
 from .errors import InputError
 
-vehicles_app = typer.Typer(
-    help="List the packaged vehicles; write a vehicle file of your own (new).", invoke_without_command=True
-)
+
+class Listing(TyperGroup):
+    """A group of verbs that lists if none is given."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        named = ctx.resilient_parsing or (args and args[0] in (*self.commands, "--help"))
+        return super().parse_args(ctx, args if named else ["list", *args])
 
 
-@vehicles_app.callback()
-def vehicles(context: typer.Context, as_json: AsJson = False) -> None:
-    """List the packaged vehicles; 'railjax vehicles new' writes a vehicle file of your own.
+vehicles_app = typer.Typer(cls=Listing, help="List the packaged vehicles; write a vehicle file of your own (new).")
 
-    Example: railjax vehicles
 
-    Example: railjax vehicles new my.toml --from coach
+@vehicles_app.command("list")
+def list_vehicles(as_json: AsJson = False) -> None:
+    """List the packaged vehicles, also without 'list'.
+
+    Example: railjax vehicles --json
     """
-    if context.invoked_subcommand is not None:
-        return
     from . import load_vehicle, packaged_vehicles
 
     found = {name: load_vehicle(name) for name in packaged_vehicles()}
