@@ -10,13 +10,14 @@ import subprocess
 import sys
 import time
 import tomllib
+import typing
 
 import jax
 import numpy as np
 import pytest
 
 import railjax
-from railjax.cli import status
+from railjax.cli import app, status
 from railjax.vehicle import PARTS
 from railjax.vehicle_ranges import RANGES, Finding
 
@@ -310,3 +311,49 @@ def test_ctrl_c_elsewhere_is_one_line(verb, capsys, monkeypatch):
     monkeypatch.setattr("railjax.cli.load", stop)
     assert status([verb, "coach"]) == 130
     assert capsys.readouterr() == ("", "railjax: stopped\n")
+
+
+# every verb
+
+
+def commands(group=app, path="railjax"):
+    """Each verb with its function."""
+    found = []
+    for entry in group.registered_commands:
+        found.append((f"{path} {entry.name or entry.callback.__name__.replace('_', '-')}", entry.callback))
+    for entry in group.registered_groups:
+        found += commands(entry.typer_instance, f"{path} {entry.name}")
+    return found
+
+
+UNITS = (
+    "_kmh", "_m", "_mm", "_s", "_hz", "_n", "_mm_per_s", "_bar", "_a", "_ka_per_m", "_kpa", "_pa_s", "_t",
+)  # fmt: skip
+DIMENSIONLESS = {"alpha", "prudhomme_factor", "sperling_exponent", "sperling_power", "fit_share"}
+
+
+def test_every_verb_of_the_design_is_there():
+    found = {name.split()[1] for name, _ in commands()}
+    assert found >= {
+        "vehicles", "modes", "critical-speed", "hunting", "simulate", "sweep", "comfort", "tune", "damper", "acceptance", "reproduce", "check",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "function"), commands(), ids=[name for name, _ in commands()])
+def test_every_verb_has_an_example_json_and_units(name, function):
+    assert f"Example: {name.removesuffix(' list')}" in " ".join(function.__doc__.split())
+    options = typing.get_type_hints(function, include_extras=True)
+    options.pop("return")
+    told = {option: hint.__metadata__[0] for option, hint in options.items()}
+    # of Annotated options typer takes the first spelling for the default
+    spellings = {
+        option: [text for text in (info.default, *(info.param_decls or ())) if isinstance(text, str)]
+        for option, info in told.items()
+    }
+    assert "--json" in spellings["as_json"]
+    for option, hint in options.items():
+        kind = hint.__origin__
+        assert told[option].help, option
+        spelled = [option, *(text.replace("-", "_") for text in spellings[option])]
+        if float in (kind, *typing.get_args(kind)):
+            assert option in DIMENSIONLESS or any(text.endswith(UNITS) for text in spelled), option
