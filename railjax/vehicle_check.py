@@ -185,11 +185,14 @@ def _carbody_modes(vehicle: Vehicle) -> Iterator[Finding]:
         start += count
     mass, damping, stiffness = (np.asarray(matrix)[np.ix_(rows, rows)] for matrix in (found.mass, found.damping, found.stiffness))
     n = len(rows)
-    system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]])
-    if not np.all(np.isfinite(system)):
-        yield Finding("carbody", "frequency of the car body's modes", math.nan, 0.2, 4.0, "Hz", "its matrices are not finite")
+    try:
+        inverse = np.linalg.inv(mass)
+        values, vectors = np.linalg.eig(np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ stiffness, -inverse @ damping]]))
+    except np.linalg.LinAlgError:  # singular, or not finite
+        yield Finding(
+            "carbody", "frequency of the car body's modes", math.nan, 0.2, 4.0, "Hz", "its matrices are beyond floating point"
+        )
         return
-    values, vectors = np.linalg.eig(system)
     energy = np.abs(vectors[:n]) ** 2 * np.diag(mass)[:, None]
     # the yaw mode is damped by yaw dampers at will
     braced = vehicle.yaw_damper is not None or vehicle.secondary.damping_x > 0.0
@@ -246,11 +249,12 @@ def _dynamic(vehicle: Vehicle) -> Iterator[Finding]:
     """Stability from standstill, critical speed, step of the integration."""
     for speed in STANDSTILL:
         matrix = np.asarray(state_matrix(vehicle, speed))
-        growth = math.nan
-        if np.all(np.isfinite(matrix)):
+        try:
             values = np.linalg.eigvals(matrix)
             growth = float(np.max(values.real))
             growth = 0.0 if abs(growth) <= 1e-9 * np.max(np.abs(values)) else growth  # rigid-body modes
+        except np.linalg.LinAlgError:  # not finite, or no convergence
+            growth = math.nan
         if not growth <= 0.0:
             why = "straight running is unstable at walking pace; look for a stiffness that is missing or for units"
             yield Finding(
