@@ -70,6 +70,7 @@ def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
         values, left, right = eig(matrix, left=True, right=True)
     except np.linalg.LinAlgError:
         raise NumericalError(f"the eigenvalues of the state matrix do not converge; {EXTREME}") from None
+    left, right = left.astype(complex), right.astype(complex)  # real where all eigenvalues are
     keep = np.flatnonzero(values.imag >= 0)
     keep = keep[np.argsort(-values[keep].real, kind="stable")]
     values, left, right = values[keep], left[:, keep], right[:, keep]

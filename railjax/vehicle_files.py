@@ -167,6 +167,8 @@ def _check_provenance(parameter: str, entry: Any, where: str) -> None:
             raise InputError(f"{name}: unknown key {key!r}{nearest(key, list(PROVENANCE))}")
     if "value" in entry:
         number(entry["value"], f"{name}.value")
+    if not isinstance(entry.get("note", ""), str):
+        raise InputError(f"{name}.note must be a string, not {shown(entry['note'])}")
 
 
 def _convert_part(part: str, table: Table, where: str) -> Table:
@@ -263,7 +265,7 @@ def _build(tables: Table, where: str) -> Vehicle:
     if parts["bump_stop"] is not None:
         parts["bump_stop"] = bump_stop_table(parts["bump_stop"], where)
     provenance = tuple(
-        Provenance(parameter, entry["status"], str(entry.get("note", "")))
+        Provenance(parameter, entry["status"], entry.get("note", ""))
         for parameter, entry in tables.get("provenance", {}).items()
         if "value" not in entry or np.array_equal(entry["value"], _of(parts, parameter))
     )

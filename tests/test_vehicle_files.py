@@ -321,6 +321,7 @@ def test_the_ellipse_does_not_depend_on_the_precision_in_use(load):
         ("[geometry]\naxle_pattern = []", ["geometry.axle_pattern", "must be a list", "like [1, -1]"]),
         ("[geometry]\naxle_pattern = ['front']", ["geometry.axle_pattern", "must be a number"]),
         ("[geometry]\nhalf_wheelbase_m = 0", ["geometry.axle_pattern", "must be positive"]),
+        ("[geometry]\nhalf_secondary_m = 0", ["geometry.half_secondary must be positive"]),
         ("[contact]\nlaw = 'sharpe'", ["contact.law", "sharp, smooth, linear", "not 'sharpe'"]),
         ("[contact]\nlaw = ['sharp']", ["contact.law", "sharp, smooth, linear"]),
         (
