@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from fuzz import CODE, cheap, mutate, mutations, toml
@@ -70,7 +71,7 @@ def exercise(path):
     try:
         with jax.disable_jit(not compiled):
             # arrays, as under jit, for Python's floats raise where they divide by zero
-            modes = railjax.modes(jax.tree.map(np.asarray, vehicle) if not compiled else vehicle, 40.0)
+            modes = railjax.modes(jax.tree.map(jnp.asarray, vehicle) if not compiled else vehicle, 40.0)
     except (railjax.InputError, railjax.NumericalError) as error:
         one_line(error)
         return "without modes"
