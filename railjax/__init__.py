@@ -53,8 +53,10 @@ from .track import BumpTrack, SinusoidTrack, TangentTrack, alignment
 from .tuning import tune
 from .tuning_result import Tuning
 from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
+from .vehicle_check import VehicleCheck, check_vehicle
 from .vehicle_files import load_vehicle, packaged_vehicles
 from .vehicle_report import VehicleReport, vehicle_report
+from .vehicle_template import vehicle_toml
 from .vibration import sperling, weighted_acceleration, weighted_rms
 from .weightings import weighting, weighting_filter
 
@@ -117,6 +119,7 @@ __all__ = [
     "TangentTrack",
     "Tuning",
     "Vehicle",
+    "VehicleCheck",
     "VehicleReport",
     "YawDamper",
     "acceptance",
@@ -126,6 +129,7 @@ __all__ = [
     "animate",
     "animation_channels",
     "calibrate",
+    "check_vehicle",
     "comfort",
     "contact_ellipse",
     "creep_coefficients",
@@ -170,6 +174,7 @@ __all__ = [
     "use_all_cores",
     "use_double_precision",
     "vehicle_report",
+    "vehicle_toml",
     "weighted_acceleration",
     "weighted_rms",
     "weighting",

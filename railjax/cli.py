@@ -5,24 +5,61 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from .cli_acceptance import acceptance
 from .cli_animate import animate
 from .cli_comfort import comfort
-from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
+from .cli_common import (
+    TRACKS,
+    Alpha,
+    AsJson,
+    DamperName,
+    TrackSeed,
+    VehicleName,
+    calibrated,
+    complete_track,
+    finite,
+    load,
+    show,
+    working,
+)
 from .cli_damper import damper_app
 from .cli_hunting import hunting
 from .cli_report import report
-from .cli_simulate import DAMPERS, make_damper, make_track
+from .cli_simulate import make_damper, make_track
 from .cli_sweep import sweep
 from .cli_tune import tune
+from .cli_vehicles import check, vehicles_app
 from .errors import InputError, NumericalError
 
+
+class Stopped(Exception):
+    """Ctrl-C, with what is kept."""
+
+
+class Group(TyperGroup):
+    """Takes Ctrl-C before typer does, which would end without a word."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            raise Stopped(str(stop)) from None
+
+
 app = typer.Typer(
-    help="Lateral dynamics of rail vehicles: critical speeds, simulation, reproduction of the paper.",
+    cls=Group,
+    help="Lateral dynamics of rail vehicles: critical speeds, simulation, comfort, tuning, reproduction of a paper.\n\n"
+    "Example: railjax critical-speed coach --nonlinear\n\n"
+    "Exit status: 0 done; 1 the computation failed; 2 bad input; 130 stopped. One line on standard error says why. "
+    "With --json, standard output is one JSON object.",
+    epilog="railjax --install-completion lets your shell complete verbs, options, vehicles, dampers and tracks.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+app.add_typer(vehicles_app, name="vehicles")
+app.command()(check)
 app.add_typer(damper_app, name="damper")
 app.command()(hunting)
 app.command()(acceptance)
@@ -47,8 +84,8 @@ def status(arguments: list[str]) -> int:
         return _fail(str(error), 2)
     except NumericalError as error:
         return _fail(str(error), 1)
-    except (KeyboardInterrupt, typer.Abort):
-        return _fail("stopped; finished parts are kept", 130)
+    except (Stopped, typer.Abort) as stop:
+        return _fail(str(stop) or "stopped", 130)
     except typer.Exit as stop:
         return stop.exit_code
     except Exception as error:
@@ -62,16 +99,6 @@ def status(arguments: list[str]) -> int:
 def _fail(message: str, code: int) -> int:
     print(f"railjax: {message}", file=sys.stderr)
     return code
-
-
-@app.command()
-def vehicles(as_json: AsJson = False) -> None:
-    """List the packaged vehicles."""
-    from . import load_vehicle, packaged_vehicles
-
-    found = {name: load_vehicle(name) for name in packaged_vehicles()}
-    content = {"vehicles": [{"name": name, "note": vehicle.note} for name, vehicle in found.items()]}
-    show(content, [f"{name:16s} {vehicle.note}" for name, vehicle in found.items()], as_json)
 
 
 @app.command()
@@ -155,7 +182,8 @@ def _nonlinear(vehicle: Any) -> tuple[dict[str, Any], list[str]]:
     from .critical import Hunting, default_wheelset, nonlinear_critical, refuse
     from .units import KMH
 
-    found = nonlinear_critical(vehicle)
+    with working(f"fold of the limit cycles of {vehicle.name}"):
+        found = nonlinear_critical(vehicle)
     refuse(found.code)
     folded = int(found.code) == Hunting.OK
     content = {
@@ -186,13 +214,13 @@ def simulate(
     bump_m: Annotated[float | None, typer.Option(help="Instead: a single bump of this length in m, at 20 m.")] = None,
     track: Annotated[
         str | None,
-        typer.Option(help="Instead: a random track, erri-low, erri-high, fra-1 to fra-6; or a measured one, a .csv file."),
+        typer.Option(help=f"Instead: a random track, {TRACKS}; or a measured one, a .csv file.", autocompletion=complete_track),
     ] = None,
-    track_seed: Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")] = None,
+    track_seed: TrackSeed = None,
     duration_s: Annotated[float, typer.Option(help="Duration in s.")] = 10.0,
     dt_s: Annotated[float, typer.Option(help="Step of RK4 in s.")] = 1e-3,
-    damper: Annotated[str, typer.Option(help=f"Secondary lateral damper: {', '.join(DAMPERS)}.")] = "passive",
-    alpha: Annotated[float | None, typer.Option(help="Gain α of balance logic and hybrid damper.")] = None,
+    damper: DamperName = "passive",
+    alpha: Alpha = None,
     record: Annotated[str, typer.Option(help="Channels to record, separated by commas.")] = "carbody_acceleration,wheelset_y",
     out: Annotated[Path | None, typer.Option(help="Write the run to a .csv, .nc (netCDF) or .png file.")] = None,
     as_json: AsJson = False,
@@ -216,8 +244,10 @@ def simulate(
     if not channels:
         raise InputError("--record names no channel; give one, like carbody_acceleration")
     sums = [f"{how}:{name}" for name in channels for how in ("rms", "peak")]
-    result = run(loaded, speed_kmh / KMH, track=line, duration=duration_s, dt=dt_s, damper=law, record=channels, reduce=sums)
-    if int(result.code) == Result.DIVERGED:
+    with working(f"running {duration_s:g} s of {loaded.name}"):
+        result = run(loaded, speed_kmh / KMH, track=line, duration=duration_s, dt=dt_s, damper=law, record=channels, reduce=sums)
+        code = int(result.code)
+    if code == Result.DIVERGED:
         raise NumericalError(f"the run diverged at {speed_kmh:g} km/h: a displacement went beyond 1 m or 1 rad")
     if out is not None:
         _write_run(result, channels, out)
@@ -289,7 +319,10 @@ def reproduce(
         def advance(title: str, done: int, total: int) -> None:
             bar.update(task, description=title, completed=done, total=total)
 
-        results = run(out, only=only, fresh=fresh, progress=advance)
+        try:
+            results = run(out, only=only, fresh=fresh, progress=advance)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"stopped; finished parts are kept in {out}, and the same command goes on there") from None
     lines = [
         f"{q['name']}: {number(q['computed'])} {q['unit']}"
         + ("" if q["paper"] is None else f" (paper {number(q['paper'])})")

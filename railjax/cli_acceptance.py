@@ -5,26 +5,24 @@ from typing import Annotated
 
 import typer
 
-from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
-from .cli_simulate import DAMPERS, make_damper, make_track
+from .cli_common import Alpha, AsJson, DamperName, TrackName, TrackSeed, VehicleName, calibrated, finite, load, show, working
+from .cli_simulate import make_damper, make_track
 from .errors import InputError, NumericalError
 
 
 def acceptance(
     vehicle: VehicleName,
     speed_kmh: Annotated[list[float], typer.Option(help="Speed in km/h; may be repeated.")] = [200.0],  # noqa: B006
-    track: Annotated[
-        str, typer.Option(help="A random track, erri-low, erri-high, fra-1 to fra-6; or a measured one, a .csv file.")
-    ] = "erri-high",
-    track_seed: Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")] = None,
+    track: TrackName = "erri-high",
+    track_seed: TrackSeed = None,
     length_m: Annotated[
         float | None, typer.Option(help="Length of the run in m (default: 25 sections and the margins; all of a measured track).")
     ] = None,
     section_m: Annotated[
         float | None, typer.Option(help="Length of a section in m (default: 250 up to 220 km/h, 500 beyond).")
     ] = None,
-    damper: Annotated[str, typer.Option(help=f"Secondary lateral damper: {', '.join(DAMPERS)}.")] = "passive",
-    alpha: Annotated[float | None, typer.Option(help="Gain α of balance logic and hybrid damper.")] = None,
+    damper: DamperName = "passive",
+    alpha: Alpha = None,
     prudhomme_factor: Annotated[float, typer.Option(help="α of the limit α (10 kN + P/3); 0.85 for wagons.")] = 1.0,
     hunting_frequency_hz: Annotated[float | None, typer.Option(help="f0 in Hz (default: from the spectrum of SumY).")] = None,
     dt_s: Annotated[float, typer.Option(help="Step of RK4 in s.")] = 1e-3,
@@ -79,16 +77,18 @@ def acceptance(
     samples = math.ceil(length_m / (min(speeds) * every * dt_s))
     if line is None:
         line, _ = make_track(track, track_seed, length=max(1000.0, 100.0 + samples * every * dt_s * max(speeds)))
-    run = simulate(
-        loaded,
-        speeds[0] if len(speeds) == 1 else jnp.asarray(speeds),
-        track=line,
-        damper=law,
-        duration=samples * every * dt_s,
-        dt=dt_s,
-        sample=every * dt_s,
-        record=acceptance_channels(loaded),
-    )
+    with working(f"running {samples * every * dt_s:.0f} s of {loaded.name}"):
+        run = simulate(
+            loaded,
+            speeds[0] if len(speeds) == 1 else jnp.asarray(speeds),
+            track=line,
+            damper=law,
+            duration=samples * every * dt_s,
+            dt=dt_s,
+            sample=every * dt_s,
+            record=acceptance_channels(loaded),
+        )
+        run.code.block_until_ready()
     if not bool(run.ok.any()):
         raise NumericalError(f"the run diverged at {min(speed_kmh):g} km/h: a displacement went beyond 1 m or 1 rad")
     found = assess(

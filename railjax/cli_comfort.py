@@ -5,8 +5,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .cli_common import AsJson, calibrated, finite, load, show
-from .cli_simulate import DAMPERS, make_damper, make_track
+from .cli_common import (
+    TRACKS,
+    Alpha,
+    AsJson,
+    DamperName,
+    TrackSeed,
+    calibrated,
+    complete_track,
+    complete_vehicle,
+    finite,
+    load,
+    show,
+    working,
+)
+from .cli_simulate import make_damper, make_track
 from .errors import InputError, NumericalError
 
 if TYPE_CHECKING:
@@ -27,8 +40,13 @@ SAMPLE, SETTLE = 5e-3, 5.0
 
 
 def comfort(
-    source: Annotated[str, typer.Argument(metavar="FILE.csv|VEHICLE", help="A record, or a vehicle to simulate.")],
-    fs: Annotated[float | None, typer.Option(help="Sampling rate of the record in Hz (default: from its time column).")] = None,
+    source: Annotated[
+        str,
+        typer.Argument(metavar="FILE.csv|VEHICLE", help="A record, or a vehicle to simulate.", autocompletion=complete_vehicle),
+    ],
+    fs: Annotated[
+        float | None, typer.Option("--fs", "--fs-hz", help="Sampling rate of the record in Hz (default: from its time column).")
+    ] = None,
     columns: Annotated[
         str | None, typer.Option(help="Columns of the record, as 'lateral=Ay,vertical=Az' (also longitudinal, time).")
     ] = None,
@@ -37,16 +55,17 @@ def comfort(
     track: Annotated[
         str | None,
         typer.Option(
-            help="Its track: erri-low, erri-high (if nothing else is given), fra-1 to fra-6; or a measured one, a .csv file."
+            help=f"Its track, {TRACKS} (erri-high if nothing else is given); or a measured one, a .csv file.",
+            autocompletion=complete_track,
         ),
     ] = None,
-    track_seed: Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")] = None,
+    track_seed: TrackSeed = None,
     amplitude_mm: Annotated[float | None, typer.Option(help="Instead: amplitude of a sinusoidal alignment in mm.")] = None,
     wavelength_m: Annotated[float | None, typer.Option(help="Its wavelength in m; 20 if not given.")] = None,
     duration_s: Annotated[float, typer.Option(help="Duration in s, after 5 s of settling.")] = 300.0,
     dt_s: Annotated[float, typer.Option(help="Step of RK4 in s.")] = 1e-3,
-    damper: Annotated[str, typer.Option(help=f"Secondary lateral damper: {', '.join(DAMPERS)}.")] = "passive",
-    alpha: Annotated[float | None, typer.Option(help="Gain α of balance logic and hybrid damper.")] = None,
+    damper: DamperName = "passive",
+    alpha: Alpha = None,
     mean_comfort: Annotated[bool, typer.Option(help="N_MV as well, which needs 100 s.")] = True,
     sperling_exponent: Annotated[float, typer.Option(help="Sperling's exponent: 1/6.67, or 0.15.")] = 1.0 / 6.67,
     sperling_power: Annotated[float, typer.Option(help="Power by which its bands add: 6.67, or 10.")] = 6.67,
@@ -85,7 +104,8 @@ def comfort(
             raise InputError(
                 f"--track {track}: {road.length:.0f} m are too short for this ride; --duration-s {longest:.0f} at most"
             )
-        run = _simulated(loaded, speed_kmh, road, duration_s, dt_s, damper, alpha)
+        with working(f"running {duration_s + SETTLE:g} s of {loaded.name}"):
+            run = _simulated(loaded, speed_kmh, road, duration_s, dt_s, damper, alpha)
         found = judge(run, settle=SETTLE, **options)
         notes = [*assumed, *(f"fitted: {entry}" for entry in calibrated(loaded))]
         if loaded.geometry.carbody_to_floor is None:

@@ -1,16 +1,57 @@
 """What the modules of the command line share."""
 
+import contextlib
 import json
 import math
+from collections.abc import Callable, Iterable, Iterator
 from typing import Annotated, Any
 
 import typer
 
+from .cli_simulate import DAMPERS, WITH_ALPHA
 from .errors import InputError
 
+
+def completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """What a shell offers for an argument of these names; where none fits, it offers files."""
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in names() if name.startswith(incomplete)]
+
+    return complete
+
+
+def _vehicles() -> list[str]:
+    from .vehicle_files import packaged_vehicles
+
+    return packaged_vehicles()
+
+
+def _spectra() -> list[str]:
+    from .spectra import NAMED
+
+    return list(NAMED)
+
+
+complete_vehicle, complete_track = completing(_vehicles), completing(_spectra)
 VehicleName = Annotated[
-    str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle (see 'railjax vehicles') or a TOML file.")
+    str,
+    typer.Argument(
+        metavar="VEHICLE",
+        help="A packaged vehicle (see 'railjax vehicles') or a TOML file.",
+        autocompletion=complete_vehicle,
+    ),
 ]
+DamperName = Annotated[
+    str,
+    typer.Option(help=f"Secondary lateral damper: {', '.join(DAMPERS)}.", autocompletion=completing(lambda: DAMPERS)),
+]
+Alpha = Annotated[float | None, typer.Option(help=f"Gain α of the dampers {' and '.join(WITH_ALPHA)}.")]
+TRACKS = "erri-low, erri-high, fra-1 to fra-6"
+TrackName = Annotated[
+    str, typer.Option(help=f"A random track, {TRACKS}; or a measured one, a .csv file.", autocompletion=complete_track)
+]
+TrackSeed = Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]
 
 
@@ -41,3 +82,17 @@ def finite(positive: bool = True, **options: float | None) -> None:
         if value is not None and not (math.isfinite(value) and (value > 0 or not positive)):
             kind = "a positive, finite number" if positive else "a finite number"
             raise InputError(f"--{name.replace('_', '-')} must be {kind}, not {value:g}")
+
+
+@contextlib.contextmanager
+def working(what: str) -> Iterator[None]:
+    """Say on standard error, if that is a terminal, what is being computed and for how long."""
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    # not into a file or a pipe, where errors are to be the only line
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as spinner:
+        spinner.add_task(what, total=None)
+        yield

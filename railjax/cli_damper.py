@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .cli_common import AsJson, finite, show
+from .cli_common import AsJson, completing, finite, show, working
 from .errors import InputError
 
 damper_app = typer.Typer(help="The hybrid magnetorheological damper: its design, its model.", no_args_is_help=True)
@@ -88,6 +88,7 @@ def damper_design(
     show(content, text, as_json)
 
 
+LAWS, METHODS = ("saturating", "linear"), ("levenberg-marquardt", "adam")
 Column = Annotated[str | None, typer.Option(help="Its column; else the header is searched.", show_default=False)]
 Unit = Annotated[str | None, typer.Option(help="Its unit; else as the header says, else SI.", show_default=False)]
 
@@ -105,10 +106,17 @@ def damper_identify(
     velocity_unit: Unit = None,
     command_unit: Unit = None,
     force_unit: Unit = None,
-    sample_rate: Annotated[float | None, typer.Option(help="Sampling rate in Hz, if there is no column of the time.")] = None,
-    voltage_law: Annotated[str, typer.Option(help="saturating or linear (the paper's eqs. 15-17).")] = "saturating",
+    sample_rate: Annotated[
+        float | None,
+        typer.Option("--sample-rate", "--sample-rate-hz", help="Sampling rate in Hz, if there is no column of the time."),
+    ] = None,
+    voltage_law: Annotated[
+        str, typer.Option(help="saturating or linear (the paper's eqs. 15-17).", autocompletion=completing(lambda: LAWS))
+    ] = "saturating",
     inertia: Annotated[bool, typer.Option(help="Fit an inertia between damper and load cell.")] = True,
-    method: Annotated[str, typer.Option(help="levenberg-marquardt or adam.")] = "levenberg-marquardt",
+    method: Annotated[
+        str, typer.Option(help="levenberg-marquardt or adam.", autocompletion=completing(lambda: METHODS))
+    ] = "levenberg-marquardt",
     starts: Annotated[int, typer.Option(help="Starts in one batch.")] = 4,
     fit_share: Annotated[float, typer.Option(help="Share of the record that is fitted; the rest is held out.")] = 0.7,
     settle_s: Annotated[float, typer.Option(help="Seconds at the start that are not scored.")] = 1.0,
@@ -122,8 +130,8 @@ def damper_identify(
     Example: railjax damper identify test.csv --displacement D --displacement-unit mm --command U --force F
     """
     for name, value, known in (
-        ("voltage-law", voltage_law, ("saturating", "linear")),
-        ("method", method, ("levenberg-marquardt", "adam")),
+        ("voltage-law", voltage_law, LAWS),
+        ("method", method, METHODS),
     ):
         if value not in known:
             raise InputError(f"--{name} must be one of {', '.join(known)}, not {value!r}")
@@ -147,17 +155,18 @@ def damper_identify(
         "command": command_unit,
         "force": force_unit,
     }
-    found = identify_damper(
-        read_record(file, columns=columns, units=units, sample_rate=sample_rate),
-        voltage_law=voltage_law,
-        inertia=inertia,
-        method=method,
-        starts=starts,
-        fit_share=fit_share,
-        settle=settle_s,
-        evolution=evolution,
-        seed=seed,
-    )
+    with working(f"identifying {file.name}"):
+        found = identify_damper(
+            read_record(file, columns=columns, units=units, sample_rate=sample_rate),
+            voltage_law=voltage_law,
+            inertia=inertia,
+            method=method,
+            starts=starts,
+            fit_share=fit_share,
+            settle=settle_s,
+            evolution=evolution,
+            seed=seed,
+        )
     if out is not None:
         _draw(found, out)
     show(found.to_json(), [str(found)], as_json)

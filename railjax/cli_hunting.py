@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
+from .cli_common import AsJson, VehicleName, calibrated, finite, load, show, working
 from .errors import InputError
 
 
@@ -35,10 +35,12 @@ def hunting(
     loaded = load(vehicle)
     highest = None if highest_speed_kmh is None else highest_speed_kmh / KMH
     index = None if wheelset is None else wheelset - 1
-    branch = hunting_branch(loaded, highest_speed=highest, wheelset=index, steps=steps)
+    with working(f"limit cycles of {loaded.name}"):
+        branch = hunting_branch(loaded, highest_speed=highest, wheelset=index, steps=steps)
     slow = None
     if ramp:
-        slow = speed_ramp(loaded, 0.98 * branch.speed.min(), 1.05 * float(branch.hopf.speed), wheelset=index)
+        with working(f"slow ramp of {loaded.name}"):
+            slow = speed_ramp(loaded, 0.98 * branch.speed.min(), 1.05 * float(branch.hopf.speed), wheelset=index)
     if out is not None:
         _write(branch, slow, out)
     fold = branch.fold

@@ -1,7 +1,6 @@
 """`railjax sweep`: a study file on the command line."""
 
 import math
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -44,11 +43,7 @@ def sweep(
     arguments = read_study(study)
     share = _share(part)
     start = time.monotonic()
-    try:
-        data = run(**arguments, out=out, part=share, progress=True)
-    except KeyboardInterrupt as stop:  # before typer, which would end without a word
-        print(f"railjax: {stop}", file=sys.stderr)
-        raise typer.Exit(130) from None
+    data = run(**arguments, out=out, part=share, progress=True)
     codes, ends = summary(data)
     seconds = time.monotonic() - start
     varied = tuple(f"{name}:" for name in arguments["over"])

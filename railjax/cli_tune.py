@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .cli_common import AsJson, finite, load, show
-from .cli_simulate import DAMPERS, make_damper
+from .cli_common import Alpha, AsJson, DamperName, TrackName, VehicleName, completing, finite, load, show, working
+from .cli_simulate import make_damper
 from .errors import InputError
 
 if TYPE_CHECKING:
@@ -28,27 +28,32 @@ NAMES = {
 
 
 def tune(
-    vehicle: Annotated[str, typer.Argument(metavar="VEHICLE", help="A packaged vehicle or a TOML file.")],
+    vehicle: VehicleName,
     parameter: Annotated[
         list[str],
         typer.Option(
             help="Name with unit and bounds, as secondary.stiffness_y_kN_per_m=50:400 or damper.alpha=0:1.5 (may be repeated)."
         ),
     ],
-    objective: Annotated[str, typer.Option(help=f"One of {', '.join(NAMES)}.")] = "comfort",
+    objective: Annotated[
+        str, typer.Option(help=f"One of {', '.join(NAMES)}.", autocompletion=completing(lambda: NAMES))
+    ] = "comfort",
     speed_kmh: Annotated[list[float] | None, typer.Option(help="Speed in km/h (may be repeated); 200 if not given.")] = None,
-    track: Annotated[str, typer.Option(help="A spectrum: erri-low, erri-high, fra-1 to fra-6, or a .csv file.")] = "erri-high",
+    track: TrackName = "erri-high",
     constraint: Annotated[
         list[str] | None,
         typer.Option(
             help='As "critical-speed>=260" (km/h), "travel-mm<=60", "least-damping>=5" (%), "comfort<=0.1" (may be repeated).'
         ),
     ] = None,
-    damper: Annotated[str, typer.Option(help=f"Secondary lateral damper: {', '.join(DAMPERS)}.")] = "passive",
-    alpha: Annotated[float | None, typer.Option(help="Gain α of balance logic and hybrid damper, where it is not tuned.")] = None,
+    damper: DamperName = "passive",
+    alpha: Alpha = None,
     starts: Annotated[int, typer.Option(help="Starts: the vehicle itself and random ones.")] = 1,
     seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
-    optimiser: Annotated[str | None, typer.Option(help="slsqp, lbfgs or adam.")] = None,
+    optimiser: Annotated[
+        str | None,
+        typer.Option(help="slsqp, lbfgs or adam.", autocompletion=completing(lambda: ("slsqp", "lbfgs", "adam"))),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Draw the history into a .png file.")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -71,16 +76,17 @@ def tune(
     if len(bounds) < len(parameter):
         raise InputError("--parameter: each may be given once")
     wanted = [_constraint(text, speeds, track) for text in constraint or ()]
-    found = run(
-        loaded,
-        bounds,
-        _quantity("--objective", objective, speeds, track),
-        wanted,
-        damper=law,
-        starts=starts,
-        seed=seed,
-        optimiser=optimiser,
-    )
+    with working(f"tuning {loaded.name}"):
+        found = run(
+            loaded,
+            bounds,
+            _quantity("--objective", objective, speeds, track),
+            wanted,
+            damper=law,
+            starts=starts,
+            seed=seed,
+            optimiser=optimiser,
+        )
     if out is not None:
         from .plots import figure
 

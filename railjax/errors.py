@@ -1,9 +1,28 @@
 """The two ways in which a call can fail, told apart because their cure differs."""
 
+import contextlib
+from collections.abc import Iterator
+
 
 class InputError(ValueError):
-    """What the user gave cannot be used; the message is one line that names the key and the fix (exit status 2)."""
+    """What the user gave cannot be used; the message is one line that names the key and the fix (exit status 2).
+
+    Where one call finds several faults, `messages` holds a line for each; the error's own is the first.
+    """
+
+    def __init__(self, *messages: str):
+        super().__init__(*messages[:1])
+        self.messages = messages
 
 
 class NumericalError(RuntimeError):
     """The input is sound but the computation did not succeed; the message says which part and why (exit status 1)."""
+
+
+@contextlib.contextmanager
+def collecting(faults: list[str]) -> Iterator[None]:
+    """Put an `InputError` from within into `faults`, so that the next fault can be looked for."""
+    try:
+        yield
+    except InputError as error:
+        faults += error.messages

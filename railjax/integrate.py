@@ -229,7 +229,7 @@ def _inputs(
 
 def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: Scalar = 0.0) -> Float[Array, ""]:
     """Largest spectral radius of the state matrix with the flanges free and in contact, 1/s: an upper bound, within 1 % or below
-    `enough`.
+    `enough`; infinite where the matrix is beyond floating point.
 
     Both, because the flange's spring slows the overdamped creep modes of low speed and quickens the others; and likewise
     within and beyond the corners of the other elements (`extremes`) and of the damper (`damper_extremes`). Gelfand: |E^(2^k)|^(1/2^k) by repeated squaring, so that
@@ -259,7 +259,8 @@ def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: Scalar
     def loose(carry: tuple[Array, Array, Array]) -> Array:
         return (carry[2] < 10) & (bound(*carry) > enough)
 
-    return bound(*jax.lax.while_loop(loose, square, (matrix, jnp.zeros((len(matrices), 1, 1), matrix.dtype), jnp.array(0))))
+    rate = bound(*jax.lax.while_loop(loose, square, (matrix, jnp.zeros((len(matrices), 1, 1), matrix.dtype), jnp.array(0))))
+    return jnp.where(jnp.isnan(rate), jnp.inf, rate)  # a norm that overflows
 
 
 @jax.jit

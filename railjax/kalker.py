@@ -158,6 +158,11 @@ def _curvature_ratio(k: Float[Array, "..."]) -> Float[Array, "..."]:
     return (second / k**2 - first) / (first - second)
 
 
+def _too_round(log_k: Float[Array, "..."], ratio: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Zero at the ellipse of this ratio of curvatures; a function of the module, so that JAX compiles it once."""
+    return jnp.log(_curvature_ratio(jnp.exp(log_k))) - jnp.log(ratio)
+
+
 def _axis_ratio(curvatures: Float[Array, "..."]) -> Float[Array, "..."]:
     """Minor/major semi-axis for a ratio of curvatures >= 1: Newton in log k from k = ratio^(-2/3)."""
     import optimistix
@@ -166,10 +171,6 @@ def _axis_ratio(curvatures: Float[Array, "..."]) -> Float[Array, "..."]:
     safe = jnp.where(circle, 2.0, curvatures)
 
     tolerance = float(jnp.finfo(safe.dtype).eps) ** 0.75
-
-    def residual(log_k: Float[Array, "..."], ratio: Float[Array, "..."]) -> Float[Array, "..."]:
-        return jnp.log(_curvature_ratio(jnp.exp(log_k))) - jnp.log(ratio)
-
     solver = optimistix.Newton(rtol=tolerance, atol=tolerance)
-    log_k = optimistix.root_find(residual, solver, -(2.0 / 3.0) * jnp.log(safe), args=safe, max_steps=50).value
+    log_k = optimistix.root_find(_too_round, solver, -(2.0 / 3.0) * jnp.log(safe), args=safe, max_steps=50).value
     return jnp.where(circle, curvatures ** (-2.0 / 3.0), jnp.exp(log_k))

@@ -14,6 +14,8 @@ from .typing import Scalar
 from .units import KMH
 from .vehicle import Vehicle
 
+EXTREME = "look for a mass or stiffness that is far from any vehicle's"
+
 
 @dataclass(frozen=True)
 class Modes:
@@ -63,9 +65,13 @@ def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
 
     matrix = np.asarray(state_matrix(vehicle, speed, damper))
     if not np.all(np.isfinite(matrix)):
-        raise NumericalError("the state matrix is not finite; look for a mass or stiffness that is far from any vehicle's")
+        raise NumericalError(f"the state matrix is not finite; {EXTREME}")
+    try:
+        values, left, right = eig(matrix, left=True, right=True)
+    except np.linalg.LinAlgError:
+        raise NumericalError(f"the eigenvalues of the state matrix do not converge; {EXTREME}") from None
     # complex even where all modes are overdamped
-    values, left, right = (array.astype(complex) for array in eig(matrix, left=True, right=True))
+    values, left, right = (array.astype(complex) for array in (values, left, right))
     keep = np.flatnonzero(values.imag >= 0)
     keep = keep[np.argsort(-values[keep].real, kind="stable")]
     values, left, right = values[keep], left[:, keep], right[:, keep]
@@ -73,10 +79,13 @@ def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
     energy = np.diag(np.asarray(matrices(vehicle, speed).mass))[:, None] * np.abs(right[n : 2 * n]) ** 2
     # a rigid-body mode at rest has no kinetic energy; it counts by its shape
     energy = np.where(energy.sum(axis=0) > 0, energy, np.abs(right[:n]) ** 2)
-    energy = energy / energy.sum(axis=0)
-    leading = np.argmax(energy, axis=0)
-    shapes = right[:n] / right[:n][leading, np.arange(len(keep))]
-    condition = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))
+    with np.errstate(all="ignore"):
+        energy = energy / energy.sum(axis=0)
+        leading = np.argmax(energy, axis=0)
+        shapes = right[:n] / right[:n][leading, np.arange(len(keep))]
+        condition = 1.0 / np.abs(np.sum(left.conj() * right, axis=0))  # infinite for a double eigenvalue with one vector
+    if not np.all(np.isfinite(energy)) or not np.all(np.isfinite(shapes)):
+        raise NumericalError(f"the shapes of the modes are beyond floating point; {EXTREME}")
     names = _names(vehicle, values, shapes, energy)
     return Modes(float(speed), names, values, shapes, energy, condition, labels(vehicle), right, left)
 

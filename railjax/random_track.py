@@ -23,6 +23,9 @@ CELLS_PER_WAVE = 8
 #: default period, m: 100 s at 360 km/h
 LENGTH = 10e3
 
+#: m; a longer period is a slip of units, and would fill the memory
+FARTHEST = 1e6
+
 
 class Recipe(NamedTuple):
     """What a realisation is made from."""
@@ -124,6 +127,8 @@ def _check_band(length: float, shortest: float, longest: float) -> None:
             raise InputError(f"{key} must be a positive number of metres, not {value!r}")
     if not shortest < longest:
         raise InputError(f"the band is empty: shortest {shortest:g} m is not below longest {longest:g} m")
+    if length > FARTHEST:
+        raise InputError(f"length {length:g} m is more than any track; give at most {FARTHEST:g} m")
     if length < 5 * longest:
         raise InputError(f"length {length:g} m is too short for waves of {longest:g} m: give at least {5 * longest:g} m")
 

@@ -158,6 +158,8 @@ def _period_rms(of: Response, vehicle: Vehicle, damper: Damper, speed: float, tr
 def step(vehicle: Vehicle, speed: float, damper: Damper) -> float:
     """1 ms, or the whole part of it that RK4 holds."""
     largest = float(largest_step(vehicle, jnp.asarray(speed), damper))
+    if not largest > 0.0:
+        raise InputError("the state matrix is not finite; look for a mass or stiffness that is far from any vehicle's")
     return 1e-3 / max(1, int(np.ceil(1e-3 / (0.95 * largest))))
 
 

@@ -155,6 +155,8 @@ def simulate(
     too_large = dt * fastest > STABLE_RADIUS
     if not isinstance(too_large, jax.core.Tracer) and too_large.ndim == 0 and bool(too_large):
         slowest = float(jnp.min(speed.speed if isinstance(speed, SpeedProfile) else speed))
+        if not math.isfinite(fastest):
+            raise InputError("the state matrix is not finite; look for a mass or stiffness that is far from any vehicle's")
         raise InputError(
             f"dt = {dt:g} s is too large for RK4 at {slowest:g} m/s, where creep damping grows as 1/v: "
             f"use dt <= {STABLE_RADIUS / float(fastest):.2g} s"

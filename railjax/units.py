@@ -23,3 +23,10 @@ KMH = 3.6  #: km/h in one m/s
 def keys_of(field: str, unit: str) -> dict[str, float]:
     """Every key by which a file may give `field`, with its factor to SI: `mass` -> {"mass_kg": 1, "mass_t": 1000}."""
     return {f"{field}_{suffix}" if suffix else field: factor for suffix, factor in SUFFIXES[unit].items()}
+
+
+def handy(value: float, unit: str) -> tuple[str, float]:
+    """Suffix and factor of the largest unit in which a value (SI) is not below 1, 35e3 N -> ("kN", 1e3); of 0, with a factor up to 1000."""
+    suffixes = SUFFIXES.get(unit, {unit: 1.0})
+    there = [(suffix, factor) for suffix, factor in suffixes.items() if factor <= (abs(value) * (1.0 + 1e-12) or 1e3)]
+    return max(there or suffixes.items(), key=lambda entry: entry[1] if there else -entry[1])

@@ -34,9 +34,12 @@ def table(unit: str, symbol: str, meaning: str) -> Any:
     return field(metadata={"unit": unit, "symbol": symbol, "meaning": meaning, "positive": False, "axes": 1})
 
 
-def structure(default: Any) -> Any:
+def structure(default: Any, meaning: str = "") -> Any:
     """A dataclass field that is static: a change of it compiles anew."""
-    return field(default=default, metadata={"static": True})
+    return field(default=default, metadata={"static": True, "meaning": meaning})
+
+
+HELD = "true: it does not move, and its mass and inertias are not needed"
 
 
 @jax.tree_util.register_dataclass
@@ -47,7 +50,7 @@ class CarBody:
     mass: Number = quantity("kg", "m_c", "car body mass", positive=True)
     roll_inertia: Number = quantity("kg m^2", "I_cx", "car body roll inertia", positive=True)
     yaw_inertia: Number = quantity("kg m^2", "I_cz", "car body yaw inertia", positive=True)
-    held: bool = structure(False)
+    held: bool = structure(False, HELD)
 
 
 @jax.tree_util.register_dataclass
@@ -58,7 +61,7 @@ class Bogie:
     mass: Number = quantity("kg", "m_b", "bogie frame mass", positive=True)
     roll_inertia: Number = quantity("kg m^2", "I_bx", "bogie frame roll inertia", positive=True)
     yaw_inertia: Number = quantity("kg m^2", "I_bz", "bogie frame yaw inertia", positive=True)
-    held: bool = structure(False)
+    held: bool = structure(False, HELD)
 
 
 @jax.tree_util.register_dataclass
@@ -168,8 +171,8 @@ class Geometry:
     bogie_to_secondary: Number = quantity("m", "h_cb", "bogie centre to the secondary suspension")
     half_vertical_damper: Number = optional("m", "d_v", "half the lateral distance of the secondary vertical dampers")
     carbody_to_floor: Number = optional("m", "h_cf", "car body centre above the floor")
-    bogie_pattern: tuple[float, ...] = structure((1.0, -1.0))
-    axle_pattern: tuple[float, ...] = structure((1.0, -1.0))
+    bogie_pattern: tuple[float, ...] = structure((1.0, -1.0), "where the bogies are, from front to rear, in half pivot distances")
+    axle_pattern: tuple[float, ...] = structure((1.0, -1.0), "where a bogie's axles are, in half wheelbases")
 
 
 @jax.tree_util.register_dataclass
@@ -193,7 +196,7 @@ class Contact:
     creep_spin: Number = quantity("N m^2", "f_22", "spin creep coefficient", 0.0)
     creep_width: Number = quantity("1", "", "smooth twin: rounding of u at zero creep", 0.01)
     flange_width: Number = quantity("m", "", "smooth twin: rounding of the dead band's corners", 1e-4)
-    law: Literal["sharp", "smooth", "linear"] = structure("sharp")
+    law: Literal["sharp", "smooth", "linear"] = structure("sharp", '"sharp", "smooth" or "linear"')
 
 
 @dataclass(frozen=True)
@@ -225,8 +228,8 @@ class Vehicle:
     yaw_damper: YawDamper | None = None
     lateral_damper: LateralDamper | None = None
     bump_stop: BumpStop | None = None
-    gyroscopic: bool = structure(False)
-    gravitational: bool = structure(False)
+    gyroscopic: bool = structure(False, "spin-yaw coupling of the wheelsets")
+    gravitational: bool = structure(False, "the contact's gravitational stiffness")
     name: str = structure("")
     note: str = structure("")
     provenance: tuple[Provenance, ...] = structure(())

@@ -1,7 +1,8 @@
 """Vehicle files: TOML with unit-bearing keys, `base = "coach"` plus overrides; everything a user gives is checked here.
 
 A packaged file is found by its name, any other by its path; `base` is looked up beside the file first. An optional part that
-the base has and the vehicle has not is taken out with `false`, as in `yaw_damper = false`.
+the base has and the vehicle has not is taken out with `false`, as in `yaw_damper = false`. An entry of [provenance] that says
+`value` (SI) is dropped where the parameter has another one, so that a mark does not outlive the value that it is about.
 """
 
 import dataclasses
@@ -14,12 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 
 from . import kalker
-from .errors import InputError
+from .errors import InputError, collecting
 from .units import keys_of
 from .vehicle import OPTIONAL, PARTS, Provenance, Vehicle
-from .vehicle_values import Table, bump_stop_table, consistent, converted, hertz, nearest, shown, structure
+from .vehicle_values import Table, bump_stop_table, consistent, converted, hertz, nearest, number, shown, structure
 
 #: keys of a file beside the tables of parameters
 TOP = {
@@ -33,6 +35,7 @@ TOP = {
 }
 KINDS = {str: "a string", bool: "true or false", dict: "a table"}
 OWN = ("name", "source", "note")  # true of one file only, so not inherited from its base
+PROVENANCE = ("status", "value", "note")
 STATUSES = ("published", "recalled", "assumed", "calibrated")
 PARAMETERS = [f"{part}.{f.name}" for part, kind in PARTS.items() for f in dataclasses.fields(kind)]
 CREEP = kalker.CreepCoefficients._fields
@@ -48,22 +51,33 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
 
     A file inherits from its `base` all but name, source and note, and the provenance of what it does not give
     itself. Raises `InputError` (one line: file, key, fix) for a missing file, a file that is not TOML, an
-    unknown or missing key, a value of the wrong kind or out of range.
+    unknown or missing key, a value of the wrong kind or out of range; its `messages` are all that could be found at once.
     """
     try:
         tables, where = _read(str(name_or_path), Path("."), [])
         return _build(tables, where)
     except InputError as error:
         # names of files and keys may hold line breaks
-        raise InputError(" ".join(str(error).splitlines())) from None
+        raise InputError(*(" ".join(message.splitlines()) for message in error.messages)) from None
+
+
+def source_of(name_or_path: str | Path) -> str:
+    """The `source` that a vehicle's file names, or the nearest of its bases; "" where there is none. Errors as `load_vehicle`."""
+    load_vehicle(name_or_path)
+    name, folder = str(name_or_path), Path(".")
+    while True:
+        raw, _, folder = _raw(name, folder)
+        if "source" in raw or "base" not in raw:
+            return raw.get("source", "")
+        name = raw["base"]
 
 
 def _packaged() -> Any:
     return resources.files("railjax") / "vehicles"
 
 
-def _read(name: str, beside: Path, chain: list[str]) -> tuple[Table, str]:
-    """The tables of a file in SI, merged onto those of its bases."""
+def _raw(name: str, beside: Path) -> tuple[Table, str, Path]:
+    """A file's TOML, what tells it from others, and its folder."""
     path = beside / name
     if path.suffix == ".toml" or os.path.isfile(path):  # not path.is_file(), which raises for a name too long
         try:
@@ -79,12 +93,17 @@ def _read(name: str, beside: Path, chain: list[str]) -> tuple[Table, str]:
         near = difflib.get_close_matches(name, packaged_vehicles(), n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise InputError(f"no vehicle {name!r}: neither a file nor one of {', '.join(packaged_vehicles())}{hint}")
-    if key in chain:
-        raise InputError(f"{name}: 'base' leads back to the file itself; remove the circle")
     try:
-        raw = tomllib.loads(text)
+        return tomllib.loads(text), key, folder
     except (ValueError, RecursionError) as error:  # integers of over 4300 digits and deep nesting too
         raise InputError(f"{name}: not TOML ({str(error).splitlines()[0]})") from None
+
+
+def _read(name: str, beside: Path, chain: list[str]) -> tuple[Table, str]:
+    """The tables of a file in SI, merged onto those of its bases."""
+    raw, key, folder = _raw(name, beside)
+    if key in chain:
+        raise InputError(f"{name}: 'base' leads back to the file itself; remove the circle")
     tables = _convert(raw, name)
     if "base" in raw:
         below, _ = _read(raw["base"], folder, [*chain, key])
@@ -113,62 +132,84 @@ def _merge(below: Table, above: Table) -> Table:
 def _convert(raw: Table, where: str) -> Table:
     """Keys without units, values in SI; every key and value checked."""
     tables: Table = {}
+    faults: list[str] = []
     for key, value in raw.items():
-        if key in TOP:
-            if not isinstance(value, TOP[key]):
-                raise InputError(f"{where}: {key} must be {KINDS[TOP[key]]}, not {shown(value)}")
-            tables[key] = value
-        elif key in OPTIONAL and value is False:
-            tables[key] = value
-        elif key in PARTS:
-            if not isinstance(value, dict):
-                raise InputError(f"{where}: {key} must be a table, written [{key}]")
-            tables[key] = _convert_part(key, value, where)
-        else:
-            raise InputError(f"{where}: unknown key {key!r}{nearest(key, [*TOP, *PARTS])}")
+        with collecting(faults):
+            if key in TOP:
+                if not isinstance(value, TOP[key]):
+                    raise InputError(f"{where}: {key} must be {KINDS[TOP[key]]}, not {shown(value)}")
+                tables[key] = value
+            elif key in OPTIONAL and value is False:
+                tables[key] = value
+            elif key in PARTS:
+                if not isinstance(value, dict):
+                    raise InputError(f"{where}: {key} must be a table, written [{key}]")
+                tables[key] = _convert_part(key, value, where)
+            else:
+                raise InputError(f"{where}: unknown key {key!r}{nearest(key, [*TOP, *PARTS])}")
     for parameter, entry in tables.get("provenance", {}).items():
-        name = f'{where}: provenance."{parameter}"'
-        if parameter not in PARAMETERS:
-            near = nearest(f'"{parameter}"', [f'"{known}"' for known in PARAMETERS])
-            raise InputError(f"{name} names no parameter{near} (with the quotes)")
-        if not isinstance(entry, dict) or entry.get("status") not in STATUSES:
-            raise InputError(f"{name} needs a table with status = one of {', '.join(STATUSES)}")
-        for key in entry:
-            if key not in ("status", "note"):
-                raise InputError(f"{name}: unknown key {key!r}{nearest(key, ['status', 'note'])}")
+        with collecting(faults):
+            _check_provenance(parameter, entry, where)
+    if faults:
+        raise InputError(*faults)
     return tables
+
+
+def _check_provenance(parameter: str, entry: Any, where: str) -> None:
+    name = f'{where}: provenance."{parameter}"'
+    if parameter not in PARAMETERS:
+        near = nearest(f'"{parameter}"', [f'"{known}"' for known in PARAMETERS])
+        raise InputError(f"{name} names no parameter{near} (with the quotes)")
+    if not isinstance(entry, dict) or entry.get("status") not in STATUSES:
+        raise InputError(f"{name} needs a table with status = one of {', '.join(STATUSES)}")
+    for key in entry:
+        if key not in PROVENANCE:
+            raise InputError(f"{name}: unknown key {key!r}{nearest(key, list(PROVENANCE))}")
+    if "value" in entry:
+        number(entry["value"], f"{name}.value")
+    if not isinstance(entry.get("note", ""), str):
+        raise InputError(f"{name}.note must be a string, not {shown(entry['note'])}")
 
 
 def _convert_part(part: str, table: Table, where: str) -> Table:
     values: Table = {}
+    faults: list[str] = []
+    for key, value in table.items():
+        with collecting(faults):
+            _convert_value(part, key, value, values, where)
+    if faults:
+        raise InputError(*faults)
+    twice = [name for name in CREEP if name in values and "hertz" in values]
+    if twice:
+        raise InputError(f"{where}: contact.{twice[0]} is given beside [contact.hertz], its source; keep one")
+    return values
+
+
+def _convert_value(part: str, key: str, value: Any, values: Table, where: str) -> None:
+    """Put one key's value into `values`, by its field and in SI."""
     accepted: dict[str, tuple[dataclasses.Field, float]] = {}
     for field in dataclasses.fields(PARTS[part]):
         if "unit" in field.metadata:
             accepted |= {key: (field, factor) for key, factor in keys_of(field.name, field.metadata["unit"]).items()}
     others = {f.name: f for f in dataclasses.fields(PARTS[part]) if f.metadata.get("static")}
-    for key, value in table.items():
-        name = f"{where}: {part}.{key}"
-        if key in accepted:
-            field, factor = accepted[key]
-            if field.name in values:
-                raise InputError(f"{name}: {field.name} is given twice, in two units; keep one")
-            values[field.name] = converted(value, factor, field, name)
-        elif key in others:
-            values[key] = structure(key, value, name)
-        elif part == "contact" and key == "hertz":
-            values[key] = hertz(value, name)
-        else:
-            # `mass` or `mass_g`: the field is known, the unit is not
-            known = {field.name for field, _ in accepted.values()}
-            meant = max((f for f in known if key == f or key.startswith(f + "_")), key=len, default=None)
-            keys = [k for k, (field, _) in accepted.items() if field.name == meant]
-            if keys and not any(key.startswith(longer + "_") for longer in keys):
-                raise InputError(f"{name}: the key must name its unit: {' or '.join(keys)}")
-            raise InputError(f"{where}: unknown key {part}.{key}{nearest(key, [*accepted, *others], part)}")
-    twice = [name for name in CREEP if name in values and "hertz" in values]
-    if twice:
-        raise InputError(f"{where}: contact.{twice[0]} is given beside [contact.hertz], its source; keep one")
-    return values
+    name = f"{where}: {part}.{key}"
+    if key in accepted:
+        field, factor = accepted[key]
+        if field.name in values:
+            raise InputError(f"{name}: {field.name} is given twice, in two units; keep one")
+        values[field.name] = converted(value, factor, field, name)
+    elif key in others:
+        values[key] = structure(key, value, name)
+    elif part == "contact" and key == "hertz":
+        values[key] = hertz(value, name)
+    else:
+        # `mass` or `mass_g`: the field is known, the unit is not
+        known = {field.name for field, _ in accepted.values()}
+        meant = max((f for f in known if key == f or key.startswith(f + "_")), key=len, default=None)
+        keys = [k for k, (field, _) in accepted.items() if field.name == meant]
+        if keys and not any(key.startswith(longer + "_") for longer in keys):
+            raise InputError(f"{name}: the key must name its unit: {' or '.join(keys)}")
+        raise InputError(f"{where}: unknown key {part}.{key}{nearest(key, [*accepted, *others], part)}")
 
 
 def _creep(tables: Table, where: str) -> dict[str, float]:
@@ -194,14 +235,18 @@ def _part(part: str, values: Table | bool | None, where: str) -> Any:
     if part in OPTIONAL and not isinstance(values, dict):
         return None
     values = dict(values or {})
-    for field in dataclasses.fields(PARTS[part]):
-        if field.name in values or field.default is not dataclasses.MISSING:
-            continue
-        if not values.get("held"):
-            key = next(iter(keys_of(field.name, field.metadata["unit"])))
-            raise InputError(f"{where}: missing key {part}.{key} ({field.metadata['meaning']})")
-        values[field.name] = 1.0  # a held body's inertia is never read
+    missing = [f for f in dataclasses.fields(PARTS[part]) if f.name not in values and f.default is dataclasses.MISSING]
+    if missing and not values.get("held"):
+        keys = [(next(iter(keys_of(field.name, field.metadata["unit"]))), field.metadata["meaning"]) for field in missing]
+        raise InputError(*(f"{where}: missing key {part}.{key} ({meaning})" for key, meaning in keys))
+    values |= dict.fromkeys((field.name for field in missing), 1.0)  # a held body's inertia is never read
     return PARTS[part](**values)
+
+
+def _of(parts: Table, parameter: str) -> Any:
+    """A parameter's value, None where the vehicle does without it."""
+    part, name = parameter.split(".")
+    return getattr(parts[part], name, None)
 
 
 def _build(tables: Table, where: str) -> Vehicle:
@@ -209,13 +254,20 @@ def _build(tables: Table, where: str) -> Vehicle:
     if "hertz" in tables.get("contact", {}):
         tables["contact"] |= _creep(tables, where)
         del tables["contact"]["hertz"]
-    parts = {part: _part(part, tables.get(part), where) for part in PARTS}
+    parts: Table = {}
+    faults: list[str] = []
+    for part in PARTS:
+        with collecting(faults):
+            parts[part] = _part(part, tables.get(part), where)
+    if faults:
+        raise InputError(*faults)
     consistent(parts, where)
     if parts["bump_stop"] is not None:
         parts["bump_stop"] = bump_stop_table(parts["bump_stop"], where)
     provenance = tuple(
-        Provenance(parameter, entry["status"], str(entry.get("note", "")))
+        Provenance(parameter, entry["status"], entry.get("note", ""))
         for parameter, entry in tables.get("provenance", {}).items()
+        if "value" not in entry or np.array_equal(entry["value"], _of(parts, parameter))
     )
     return Vehicle(
         **parts,

@@ -123,6 +123,8 @@ def consistent(parts: dict[str, Any], where: str) -> None:
     ):
         if len(pattern) > 1 and spread <= 0.0:
             raise InputError(f"{where}: geometry.{key} has {len(pattern)} entries, so their half distance must be positive")
+    if geometry.half_secondary == 0.0 and not bogie.held:
+        raise InputError(f"{where}: geometry.half_secondary must be positive, as roll and yaw act on the secondary springs by it")
     if bogie.held and not parts["carbody"].held:
         raise InputError(f"{where}: bogie.held without carbody.held leaves the car body on fixed springs; hold both or none")
     if contact.creep_longitudinal == 0.0 and contact.creep_lateral == 0.0 and contact.law != "linear":
