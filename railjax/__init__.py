@@ -17,7 +17,7 @@ from .calibrate import Calibration, calibrate
 from .channels import CHANNELS
 from .comfort import Comfort, comfort, floor_acceleration
 from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
-from .dampers import MaxwellDamper, PassiveDamper
+from .dampers import Damper, MaxwellDamper, PassiveDamper, Seen
 from .errors import InputError, NumericalError
 from .frequency import FrequencyResponse, frequency_response
 from .hunting import Branch, LimitCycle, hunting_branch
@@ -71,6 +71,7 @@ __all__ = [
     "ClippedLQR",
     "Comfort",
     "CriticalSpeed",
+    "Damper",
     "ErriSpectrum",
     "ForcedRun",
     "FormulaSpectrum",
@@ -101,6 +102,7 @@ __all__ = [
     "RootLocus",
     "RunningRecord",
     "Scatter",
+    "Seen",
     "Simulation",
     "SinusoidTrack",
     "Skyhook",

@@ -53,7 +53,7 @@ def comfort(
     `track` is a spectrum (a name, a table, a formula), a `RandomTrack`, or several of these in a list. `method`: "frequency" (linear; exact and in milliseconds), "statistical"
     (equivalent creep, flange and balance logic) or "time" (forward mode through a forced run, for any track, which may then be a
     `SinusoidTrack`; it takes `duration`, `settle` and `dt` in s; refused where the vehicle hunts). "auto" is "time" for tracks
-    that are no random ones, "statistical" for balance logic, else "frequency". `weighting` None is the plain r.m.s.
+    that are no random ones, "statistical" for balance logic and laws of your own without memory, else "frequency". `weighting` None is the plain r.m.s.
     """
     if weighting is not None:
         check_weighting(weighting)

@@ -1,0 +1,195 @@
+"""Force laws written outside the package work wherever its own do: simulate, hunting, sweep, tune; under jit, vmap and grad.
+
+Two laws: one without memory, a valve with an orifice, and one with an internal state, a frequency-selective damper.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from derivatives import check
+from scipy.integrate import solve_ivp
+from scipy.optimize import minimize_scalar
+
+import railjax
+from railjax import objectives as aim
+from railjax.dampers import check_damper
+
+SPEED = 180 / 3.6
+TRACK = railjax.SinusoidTrack(amplitude=5e-3, wavelength=20.0)
+RMS = "rms:carbody_acceleration"
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class OrificeDamper:
+    """Leakage c and a turbulent orifice k in parallel, per side: F = 2 (c + k |v|) v."""
+
+    leakage: Any = 5e3  # N s/m
+    orifice: Any = 300e3  # N s^2/m^2
+
+    internal_states: ClassVar[int] = 0
+
+    def force(self, vehicle, travel, velocity, internal):
+        return 2.0 * (self.leakage + self.orifice * jnp.abs(velocity)) * velocity, internal
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SelectiveDamper:
+    """Hard to slow motion and soft to fast: F = 2 (c_fast v + (c_slow - c_fast) s), lag s' = v - s."""
+
+    slow: Any = 40e3  # N s/m
+    fast: Any = 10e3  # N s/m
+    lag: Any = 0.05  # s
+
+    internal_states: ClassVar[int] = 1
+
+    def force(self, vehicle, travel, velocity, internal):
+        force = 2.0 * (self.fast * velocity + (self.slow - self.fast) * internal[0])
+        return force, (velocity - internal) / self.lag
+
+
+LAWS = [OrificeDamper(), SelectiveDamper()]
+by_law = pytest.mark.parametrize("damper", LAWS, ids=["orifice", "selective"])
+
+
+def run(vehicle, damper, **options):
+    options = {"track": TRACK, "duration": 3.0, "settle": 1.0, "record": (), "reduce": (RMS,)} | options
+    return railjax.simulate(vehicle, SPEED, damper=damper, **options)[RMS]
+
+
+@by_law
+def test_simulation_is_that_of_scipy(coach, damper):
+    """The linear vehicle without lateral dampers from its state matrix, eq. (7) by hand, the law in NumPy, SciPy's integrator."""
+    linear = railjax.replace(coach, contact__law="linear")
+    bare = np.asarray(railjax.state_matrix(linear, SPEED, railjax.PassiveDamper(0.0)))
+    mass = np.diag(np.asarray(railjax.matrices(linear, SPEED).mass))
+    g = coach.geometry
+    travel = np.zeros((2, 17))  # q: carbody y, psi, phi; bogies y (2), psi (2), phi (2); wheelsets
+    for j, ahead in enumerate((1.0, -1.0)):
+        travel[j, [0, 1, 2]] = 1.0, ahead * g.half_pivot_distance, g.carbody_height
+        travel[j, [3 + j, 7 + j]] = -1.0, g.bogie_to_secondary
+
+    def rate(_, x):
+        q, s = x[:34], x[34:]
+        v = travel @ q[17:]
+        if isinstance(damper, OrificeDamper):
+            force, s_rate = 2 * (5e3 * v + 300e3 * v * np.abs(v)), s
+        else:
+            force, s_rate = 2 * (10e3 * v + 30e3 * s), (v - s) / 0.05
+        return np.concatenate([bare @ q + np.concatenate([np.zeros(17), -(travel.T @ force) / mass]), s_rate])
+
+    start = np.zeros(34 + 2 * damper.internal_states)
+    start[[17, 20, 22]] = 0.3, 0.5, 0.5  # m/s
+    expected = solve_ivp(rate, (0.0, 1.5), start, rtol=1e-9, atol=1e-11).y[:, -1]
+    found = railjax.simulate(linear, SPEED, damper=damper, duration=1.5, dt=5e-4, initial=jnp.asarray(start), record=())
+    np.testing.assert_allclose(found.final, expected, rtol=1e-5, atol=1e-8)
+
+
+@by_law
+def test_jit_vmap_lanes_and_gradient_of_a_run(coach, damper):
+    name = "orifice" if isinstance(damper, OrificeDamper) else "fast"
+    values = jnp.array([0.5, 1.0, 2.0]) * getattr(damper, name)
+    alone = [run(coach, replace(damper, **{name: float(value)})) for value in values]
+    lanes = run(coach, replace(damper, **{name: values}))
+    mapped = jax.jit(jax.vmap(lambda value: run(coach, replace(damper, **{name: value}))))(values)
+    np.testing.assert_allclose(lanes, alone, rtol=1e-9)
+    np.testing.assert_allclose(mapped, alone, rtol=1e-9)
+    assert len(set(np.round(np.asarray(alone), 6))) == 3
+    check(lambda value: run(coach, replace(damper, **{name: value}), duration=1.5, settle=0.5), values[1], step=1e-4, rtol=1e-4)
+
+
+def test_limit_cycles_are_those_of_the_simulation():
+    """An orbit of the branch, set free in `simulate`, is after one period where it was; the fold moves with the law as its implicit
+    derivative says."""
+    bogie, damper = railjax.load_vehicle("cooperrider-bogie"), OrificeDamper(10e3, 100e3)
+    branch = railjax.hunting_branch(bogie, damper=damper)
+    plain = railjax.linear_critical_speed(bogie, damper=railjax.PassiveDamper(10e3))
+    assert float(branch.hopf.speed) == pytest.approx(float(plain), rel=1e-9)  # at rest the orifice does nothing
+    cycle = branch.at(1.02 * float(branch.hopf.speed), stable=True)
+    steps = branch.shooting.steps * 2
+    free = railjax.simulate(
+        bogie, cycle.speed, damper=damper, duration=1 / cycle.frequency, dt=1 / cycle.frequency / steps, initial=jnp.asarray(cycle.state), record=()
+    )  # fmt: skip
+    np.testing.assert_allclose(free.final, cycle.state, atol=1e-3 * float(np.max(np.abs(cycle.state))))
+
+    def fold(orifice):
+        return railjax.nonlinear_critical(bogie, damper=OrificeDamper(10e3, orifice), steps=200).speed
+
+    slope = jax.grad(lambda orifice: railjax.nonlinear_critical_speed(bogie, damper=OrificeDamper(10e3, orifice), steps=200))(100e3)
+    low, middle, high = fold(jnp.array([99e3, 100e3, 101e3]))
+    assert float(middle) == pytest.approx(branch.fold.speed, abs=0.01)
+    assert float(slope) == pytest.approx(float(high - low) / 2e3, rel=1e-3)
+    assert float(slope) != 0.0
+
+
+def test_linear_law_with_a_state_has_the_critical_speed_of_its_limits(coach):
+    """lag to zero: c_slow at all frequencies; lag to infinity: c_fast."""
+    lags = jnp.array([1e-5, 0.05, 1e4])
+    found = railjax.linear_critical(coach, damper=SelectiveDamper(lag=lags)).speed
+    ends = [railjax.linear_critical_speed(coach, damper=railjax.PassiveDamper(c)) for c in (40e3, 10e3)]
+    np.testing.assert_allclose(found[jnp.array([0, 2])], ends, rtol=1e-4)
+    check(lambda lag: railjax.linear_critical_speed(coach, damper=SelectiveDamper(lag=lag)), 0.05, step=1e-5, rtol=1e-4)
+
+
+@by_law
+def test_sweep_over_its_parameters(coach, damper):
+    name = "orifice" if isinstance(damper, OrificeDamper) else "fast"
+    over = {f"damper.{name}": np.array([0.5, 1.0, 2.0]) * getattr(damper, name)}
+    data = railjax.sweep(railjax.CriticalSpeed(), over, vehicle=coach, damper=replace(damper, leakage=20e3) if name == "orifice" else damper)
+    alone = [railjax.linear_critical_speed(coach, damper=railjax.PassiveDamper(20e3))] * 3 if name == "orifice" else [
+        railjax.linear_critical_speed(coach, damper=replace(damper, fast=value)) for value in over["damper.fast"]
+    ]  # fmt: skip
+    np.testing.assert_allclose(data["critical_speed"], alone, rtol=1e-9)
+    forced = railjax.sweep(
+        railjax.ForcedRun((RMS,), duration=3.0, settle=1.0), over, vehicle=coach, speed=SPEED, track=TRACK, damper=damper,
+        units={f"damper.{name}": "SI"},
+    )  # fmt: skip
+    direct = [run(coach, replace(damper, **{name: value})) for value in over[f"damper.{name}"]]
+    np.testing.assert_allclose(forced[RMS].values, direct, rtol=1e-9)
+    assert forced[f"damper.{name}"].attrs["units"] == "SI"
+    assert (forced["code"] == 0).all()
+
+
+def comfort(coach, damper):
+    """Weighted r.m.s. of the linear or statistically linearised coach."""
+    computed = railjax.frequency_response if damper.internal_states else railjax.statistical_linearisation
+    found = computed(coach, SPEED, damper=damper)
+    return float((found if damper.internal_states else found.response).rms("carbody_acceleration", "Wd"))
+
+
+@by_law
+def test_tuning_finds_the_best(coach, damper):
+    """The curved law by statistical linearisation, the linear one in the frequency domain, both without being told; against a
+    search without derivatives."""
+    name, low, high = ("orifice", 2e4, 2e6) if isinstance(damper, OrificeDamper) else ("fast", 1e3, 40e3)
+    found = railjax.tune(coach, {f"damper.{name}": (low, high)}, aim.comfort(SPEED), damper=damper)
+    searched = minimize_scalar(
+        lambda log: comfort(coach, replace(damper, **{name: float(np.exp(log))})), bounds=np.log([low, high]), method="bounded",
+        options={"xatol": 1e-3},
+    )  # fmt: skip
+    assert found.objective == pytest.approx(searched.fun, rel=1e-5)
+    assert found.parameters[f"damper.{name}"] == pytest.approx(np.exp(searched.x), rel=2e-2)
+    assert found.objective_sharp == pytest.approx(found.objective, rel=0.1)
+    assert getattr(found.damper, name) == found.parameters[f"damper.{name}"]
+
+
+class NotRegistered:
+    internal_states = 0
+
+    def force(self, vehicle, travel, velocity, internal):
+        return velocity, internal
+
+
+@pytest.mark.parametrize(
+    ("damper", "message"),
+    [(3.0, "internal_states"), (OrificeDamper, "OrificeDamper()"), (NotRegistered(), "register_dataclass"), (OrificeDamper(-1.0), "leakage")],
+)
+def test_what_is_no_damper_is_refused(damper, message):
+    with pytest.raises(railjax.InputError) as error:
+        check_damper(damper)
+    assert message in str(error.value)
