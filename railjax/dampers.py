@@ -41,8 +41,8 @@ HARD, SOFT = 50e3, 50e3 * 3.0 / 30.31
 class Seen(NamedTuple):
     """What a controller may look at: all coordinates q and their rates q'."""
 
-    coordinates: Groups
-    rates: Groups
+    coordinates: Groups  # m, rad
+    rates: Groups  # m/s, rad/s
 
 
 @runtime_checkable
@@ -118,7 +118,7 @@ def check_damper(damper: object) -> None:
 class PassiveDamper:
     """The vehicle's own dampers, rho_cy with its blow-off if it has one; or linear ones of `damping` (N s/m per side)."""
 
-    damping: Number = None
+    damping: Number = None  # N s/m per side; None: the vehicle's own
 
     internal_states: ClassVar[int] = 0
 
@@ -149,11 +149,11 @@ class MaxwellDamper:
     of the blow-off are sharp or rounded within `blow_off_width` as `law` says.
     """
 
-    damping: Number = 25e3
-    series_stiffness: Number = 5e6
-    blow_off_velocity: Number = None
-    damping_beyond: Number = None
-    blow_off_width: Number = 1e-3
+    damping: Number = 25e3  # N s/m per side
+    series_stiffness: Number = 5e6  # N/m per side
+    blow_off_velocity: Number = None  # m/s; None: no blow-off
+    damping_beyond: Number = None  # N s/m per side, beyond blow-off
+    blow_off_width: Number = 1e-3  # m/s
     law: Literal["sharp", "smooth"] = structure("sharp")
 
     internal_states: ClassVar[int] = 1

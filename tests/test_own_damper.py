@@ -106,25 +106,25 @@ def test_jit_vmap_lanes_and_gradient_of_a_run(coach, damper):
 def test_limit_cycles_are_those_of_the_simulation():
     """An orbit of the branch, set free in `simulate`, is after one period where it was; the fold moves with the law as its implicit
     derivative says."""
-    bogie, damper = railjax.load_vehicle("cooperrider-bogie"), OrificeDamper(10e3, 100e3)
+    bogie, damper = railjax.load_vehicle("cooperrider-bogie"), OrificeDamper(25e3, 20e3)
     branch = railjax.hunting_branch(bogie, damper=damper)
-    plain = railjax.linear_critical_speed(bogie, damper=railjax.PassiveDamper(10e3))
+    plain = railjax.linear_critical_speed(bogie, damper=railjax.PassiveDamper(25e3))
     assert float(branch.hopf.speed) == pytest.approx(float(plain), rel=1e-9)  # at rest the orifice does nothing
     cycle = branch.at(1.02 * float(branch.hopf.speed), stable=True)
-    steps = branch.shooting.steps * 2
+    period, steps = 1.0 / cycle.frequency, 2 * branch.shooting.steps
     free = railjax.simulate(
-        bogie, cycle.speed, damper=damper, duration=1 / cycle.frequency, dt=1 / cycle.frequency / steps, initial=jnp.asarray(cycle.state), record=()
-    )  # fmt: skip
+        bogie, cycle.speed, damper=damper, duration=period, dt=period / steps, initial=jnp.asarray(cycle.state), record=()
+    )
     np.testing.assert_allclose(free.final, cycle.state, atol=1e-3 * float(np.max(np.abs(cycle.state))))
 
     def fold(orifice):
-        return railjax.nonlinear_critical(bogie, damper=OrificeDamper(10e3, orifice), steps=200).speed
+        return railjax.nonlinear_critical_speed(bogie, damper=OrificeDamper(25e3, orifice), steps=200)
 
-    slope = jax.grad(lambda orifice: railjax.nonlinear_critical_speed(bogie, damper=OrificeDamper(10e3, orifice), steps=200))(100e3)
-    low, middle, high = fold(jnp.array([99e3, 100e3, 101e3]))
-    assert float(middle) == pytest.approx(branch.fold.speed, abs=0.01)
-    assert float(slope) == pytest.approx(float(high - low) / 2e3, rel=1e-3)
-    assert float(slope) != 0.0
+    value, slope = jax.value_and_grad(fold)(20e3)
+    low, high = fold(jnp.array([19e3, 21e3]))
+    assert float(value) == pytest.approx(branch.fold.speed, abs=0.01)
+    assert float(slope) == pytest.approx(float(high - low) / 2e3, rel=1e-2)
+    assert abs(float(slope)) * 20e3 > 0.01  # m/s
 
 
 def test_linear_law_with_a_state_has_the_critical_speed_of_its_limits(coach):
@@ -140,7 +140,9 @@ def test_linear_law_with_a_state_has_the_critical_speed_of_its_limits(coach):
 def test_sweep_over_its_parameters(coach, damper):
     name = "orifice" if isinstance(damper, OrificeDamper) else "fast"
     over = {f"damper.{name}": np.array([0.5, 1.0, 2.0]) * getattr(damper, name)}
-    data = railjax.sweep(railjax.CriticalSpeed(), over, vehicle=coach, damper=replace(damper, leakage=20e3) if name == "orifice" else damper)
+    data = railjax.sweep(
+        railjax.CriticalSpeed(), over, vehicle=coach, damper=replace(damper, leakage=20e3) if name == "orifice" else damper
+    )
     alone = [railjax.linear_critical_speed(coach, damper=railjax.PassiveDamper(20e3))] * 3 if name == "orifice" else [
         railjax.linear_critical_speed(coach, damper=replace(damper, fast=value)) for value in over["damper.fast"]
     ]  # fmt: skip
@@ -150,7 +152,7 @@ def test_sweep_over_its_parameters(coach, damper):
         units={f"damper.{name}": "SI"},
     )  # fmt: skip
     direct = [run(coach, replace(damper, **{name: value})) for value in over[f"damper.{name}"]]
-    np.testing.assert_allclose(forced[RMS].values, direct, rtol=1e-9)
+    np.testing.assert_allclose(forced[RMS.replace(":", "_")].values, direct, rtol=1e-9)
     assert forced[f"damper.{name}"].attrs["units"] == "SI"
     assert (forced["code"] == 0).all()
 
@@ -187,7 +189,12 @@ class NotRegistered:
 
 @pytest.mark.parametrize(
     ("damper", "message"),
-    [(3.0, "internal_states"), (OrificeDamper, "OrificeDamper()"), (NotRegistered(), "register_dataclass"), (OrificeDamper(-1.0), "leakage")],
+    [
+        (3.0, "internal_states"),
+        (OrificeDamper, "OrificeDamper()"),
+        (NotRegistered(), "register_dataclass"),
+        (OrificeDamper(-1.0), "leakage"),
+    ],
 )
 def test_what_is_no_damper_is_refused(damper, message):
     with pytest.raises(railjax.InputError) as error:
