@@ -17,6 +17,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.nav import Page
 
 import railjax
+from railjax.vehicle import PARTS
 
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -43,6 +44,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Tables in place of their markers, and of its fields after every class."""
     markdown = markdown.replace("<!-- parameters -->", parameters()).replace("<!-- channels -->", channels())
+    markdown = re.sub(r"\]\(\.\./([\w-]+)\.ipynb\)", r"](\1.md)", markdown)
     return re.sub(r"^::: (railjax\.\S+)$", lambda found: found[0] + fields_table(found[1]), markdown, flags=re.MULTILINE)
 
 
@@ -125,22 +127,28 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 
 def parameters() -> str:
-    """All numbers of a vehicle, with the coach's and where they come from."""
+    """All numbers that a vehicle may have, with the coach's and where they come from."""
     coach = railjax.load_vehicle("coach")
     sources = {entry.parameter: entry.status for entry in coach.provenance}
     rows = []
-    for path, field in railjax.parameters():
-        try:
-            value = railjax.get_parameter(coach, path)
-        except railjax.InputError:  # parts that the coach does not have
-            value = None
-        shown = "" if value is None else f"{value:g}" if isinstance(value, (int, float)) else str(value)
-        rows.append(
-            (path, field.metadata["symbol"], field.metadata["unit"], field.metadata["meaning"], shown, sources.get(path, ""))
-        )
-    return table(("parameter", "symbol", "unit", "meaning", "coach", "source"), rows)
+    for part, kind in PARTS.items():
+        own = getattr(coach, part)
+        for name, unit, meaning in fields_of(kind):
+            value = None if own is None else getattr(own, name)
+            shown = f"{value:g}" if isinstance(value, (int, float)) and not isinstance(value, bool) else ""
+            if unit:
+                rows.append((f"{part}.{name}", unit, meaning, shown, sources.get(f"{part}.{name}", "published" if shown else "")))
+    return table(("parameter", "unit", "meaning, symbol", "coach", "source"), rows)
 
 
 def channels() -> str:
     """What `simulate` records."""
-    return table(("channel", "unit", "meaning"), [(name, entry.unit, entry.meaning) for name, entry in railjax.CHANNELS.items()])
+    shapes = {
+        "carbody": "of the car body",
+        "floor": "at 3 points of the floor",
+        "bogie": "of n bogies",
+        "wheelset": "of n m wheelsets",
+    }
+    return table(
+        ("channel", "unit", "shape"), [(name, entry.unit, shapes[entry.part]) for name, entry in railjax.CHANNELS.items()]
+    )

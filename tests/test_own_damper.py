@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from derivatives import check
 from scipy.integrate import solve_ivp
-from scipy.optimize import minimize_scalar
 
 import railjax
 from railjax import objectives as aim
@@ -90,24 +89,22 @@ def test_simulation_is_that_of_scipy(coach, damper):
     np.testing.assert_allclose(found.final, expected, rtol=1e-5, atol=1e-8)
 
 
-@by_law
-def test_jit_vmap_lanes_and_gradient_of_a_run(coach, damper):
-    name = "orifice" if isinstance(damper, OrificeDamper) else "fast"
-    values = jnp.array([0.5, 1.0, 2.0]) * getattr(damper, name)
-    alone = [run(coach, replace(damper, **{name: float(value)})) for value in values]
-    lanes = run(coach, replace(damper, **{name: values}))
-    mapped = jax.jit(jax.vmap(lambda value: run(coach, replace(damper, **{name: value}))))(values)
-    np.testing.assert_allclose(lanes, alone, rtol=1e-9)
-    np.testing.assert_allclose(mapped, alone, rtol=1e-9)
-    assert len(set(np.round(np.asarray(alone), 6))) == 3
-    check(lambda value: run(coach, replace(damper, **{name: value}), duration=1.5, settle=0.5), values[1], step=1e-4, rtol=1e-4)
+def test_jit_vmap_lanes_and_gradient_of_a_run(coach):
+    values = jnp.array([150e3, 300e3, 600e3])
+    lanes = run(coach, OrificeDamper(orifice=values))
+    mapped = jax.jit(jax.vmap(lambda value: run(coach, OrificeDamper(orifice=value))))(values)
+    np.testing.assert_allclose(mapped, lanes, rtol=1e-9)
+    np.testing.assert_allclose(lanes[1], run(coach, OrificeDamper()), rtol=1e-9)
+    assert len(set(np.round(np.asarray(lanes), 6))) == 3
+    short = {"duration": 1.0, "settle": 0.5}
+    check(lambda value: run(coach, OrificeDamper(orifice=value * 1e5), **short), 3.0, step=1e-4, rtol=1e-4)
 
 
 def test_limit_cycles_are_those_of_the_simulation():
     """An orbit of the branch, set free in `simulate`, is after one period where it was; the fold moves with the law as its implicit
     derivative says."""
     bogie, damper = railjax.load_vehicle("cooperrider-bogie"), OrificeDamper(25e3, 20e3)
-    branch = railjax.hunting_branch(bogie, damper=damper)
+    branch, *beside = (railjax.hunting_branch(bogie, damper=replace(damper, orifice=k)) for k in (20e3, 19e3, 21e3))
     plain = railjax.linear_critical_speed(bogie, damper=railjax.PassiveDamper(25e3))
     assert float(branch.hopf.speed) == pytest.approx(float(plain), rel=1e-9)  # at rest the orifice does nothing
     cycle = branch.at(1.02 * float(branch.hopf.speed), stable=True)
@@ -116,14 +113,12 @@ def test_limit_cycles_are_those_of_the_simulation():
         bogie, cycle.speed, damper=damper, duration=period, dt=period / steps, initial=jnp.asarray(cycle.state), record=()
     )
     np.testing.assert_allclose(free.final, cycle.state, atol=1e-3 * float(np.max(np.abs(cycle.state))))
-
-    def fold(orifice):
-        return railjax.nonlinear_critical_speed(bogie, damper=OrificeDamper(25e3, orifice), steps=200)
-
-    value, slope = jax.value_and_grad(fold)(20e3)
-    low, high = fold(jnp.array([19e3, 21e3]))
-    assert float(value) == pytest.approx(branch.fold.speed, abs=0.01)
-    assert float(slope) == pytest.approx(float(high - low) / 2e3, rel=1e-2)
+    value, slope = jax.value_and_grad(
+        lambda k: railjax.nonlinear_critical_speed(bogie, damper=OrificeDamper(25e3, k), steps=branch.shooting.steps)
+    )(20e3)
+    low, high = (one.fold.speed for one in beside)
+    assert float(value) == pytest.approx(branch.fold.speed, abs=1e-3)
+    assert float(slope) == pytest.approx((high - low) / 2e3, rel=1e-2)
     assert abs(float(slope)) * 20e3 > 0.01  # m/s
 
 
@@ -136,48 +131,38 @@ def test_linear_law_with_a_state_has_the_critical_speed_of_its_limits(coach):
     check(lambda lag: railjax.linear_critical_speed(coach, damper=SelectiveDamper(lag=lag)), 0.05, step=1e-5, rtol=1e-4)
 
 
-@by_law
-def test_sweep_over_its_parameters(coach, damper):
-    name = "orifice" if isinstance(damper, OrificeDamper) else "fast"
-    over = {f"damper.{name}": np.array([0.5, 1.0, 2.0]) * getattr(damper, name)}
-    data = railjax.sweep(
-        railjax.CriticalSpeed(), over, vehicle=coach, damper=replace(damper, leakage=20e3) if name == "orifice" else damper
-    )
-    alone = [railjax.linear_critical_speed(coach, damper=railjax.PassiveDamper(20e3))] * 3 if name == "orifice" else [
-        railjax.linear_critical_speed(coach, damper=replace(damper, fast=value)) for value in over["damper.fast"]
-    ]  # fmt: skip
-    np.testing.assert_allclose(data["critical_speed"], alone, rtol=1e-9)
-    forced = railjax.sweep(
-        railjax.ForcedRun((RMS,), duration=3.0, settle=1.0), over, vehicle=coach, speed=SPEED, track=TRACK, damper=damper,
-        units={f"damper.{name}": "SI"},
-    )  # fmt: skip
-    direct = [run(coach, replace(damper, **{name: value})) for value in over[f"damper.{name}"]]
-    np.testing.assert_allclose(forced[RMS.replace(":", "_")].values, direct, rtol=1e-9)
-    assert forced[f"damper.{name}"].attrs["units"] == "SI"
-    assert (forced["code"] == 0).all()
+def test_sweeps_over_its_parameters(coach):
+    over = {"damper.fast": [5e3, 10e3, 20e3]}
+    data = railjax.sweep(railjax.CriticalSpeed(), over, vehicle=coach, damper=SelectiveDamper())
+    lanes = railjax.linear_critical(coach, damper=SelectiveDamper(fast=jnp.array(over["damper.fast"])))
+    np.testing.assert_allclose(data["critical_speed"], lanes.speed, rtol=1e-9)
+    assert (data["code"] == 0).all()
+    over = {"damper.orifice": [150e3, 300e3, 600e3]}
+    study = railjax.ForcedRun((RMS,), duration=3.0, settle=1.0)
+    common = {"vehicle": coach, "speed": SPEED, "track": TRACK, "damper": OrificeDamper()}
+    forced = railjax.sweep(study, over, **common, units={"damper.orifice": "N s^2/m^2"})
+    direct = run(coach, OrificeDamper(orifice=jnp.array(over["damper.orifice"])))
+    np.testing.assert_allclose(forced["rms_carbody_acceleration"], direct, rtol=1e-9)
+    assert forced["damper.orifice"].attrs["units"] == "N s^2/m^2"
 
 
-def comfort(coach, damper):
-    """Weighted r.m.s. of the linear or statistically linearised coach."""
-    computed = railjax.frequency_response if damper.internal_states else railjax.statistical_linearisation
-    found = computed(coach, SPEED, damper=damper)
-    return float((found if damper.internal_states else found.response).rms("carbody_acceleration", "Wd"))
+def test_tuning_finds_the_best(coach):
+    """A curved law by statistical linearisation, without being told: linearised at rest the orifice would do nothing."""
+    found = railjax.tune(coach, {"damper.orifice": (2e4, 2e6)}, aim.comfort(SPEED), damper=OrificeDamper())
+    best = found.parameters["damper.orifice"]
 
+    def comfort(orifice):
+        response = railjax.statistical_linearisation(coach, SPEED, damper=OrificeDamper(orifice=orifice)).response
+        return float(response.rms("carbody_acceleration", "Wd"))
 
-@by_law
-def test_tuning_finds_the_best(coach, damper):
-    """The curved law by statistical linearisation, the linear one in the frequency domain, both without being told; against a
-    search without derivatives."""
-    name, low, high = ("orifice", 2e4, 2e6) if isinstance(damper, OrificeDamper) else ("fast", 1e3, 40e3)
-    found = railjax.tune(coach, {f"damper.{name}": (low, high)}, aim.comfort(SPEED), damper=damper)
-    searched = minimize_scalar(
-        lambda log: comfort(coach, replace(damper, **{name: float(np.exp(log))})), bounds=np.log([low, high]), method="bounded",
-        options={"xatol": 1e-3},
-    )  # fmt: skip
-    assert found.objective == pytest.approx(searched.fun, rel=1e-5)
-    assert found.parameters[f"damper.{name}"] == pytest.approx(np.exp(searched.x), rel=2e-2)
+    low, at, high = (comfort(factor * best) for factor in (0.9, 1.0, 1.1))
+    assert at == pytest.approx(found.objective, rel=1e-9)
+    assert at < low
+    assert at < high
+    assert at < 0.98 * found.objective_before
     assert found.objective_sharp == pytest.approx(found.objective, rel=0.1)
-    assert getattr(found.damper, name) == found.parameters[f"damper.{name}"]
+    assert found.damper.orifice == best
+    assert found.quantity.method == "statistical"
 
 
 class NotRegistered:
