@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax
-import numpy as np
+import jax.numpy as jnp
 
 import railjax
 from railjax import hydraulics
@@ -74,7 +74,7 @@ def contact() -> list[Row]:
                 f"saturation F/(mu N) at u = {u:g}",
                 "Vermeulen and Johnson",
                 published,
-                u * float(saturation_factor(np.array(u))),
+                u * float(saturation_factor(jnp.asarray(u))),
                 ".7f",
             )
         )
@@ -140,7 +140,9 @@ def device() -> list[Row]:
 def hunting() -> list[Row]:
     """Critical speeds."""
     bogie, coach = railjax.load_vehicle("cooperrider-bogie"), railjax.load_vehicle("coach")
-    rows = [Row("Hopf point of Cooperrider's bogie, m/s", COOPERRIDER, 68.66, float(railjax.linear_critical_speed(bogie)), ".2f")]
+    hopf = float(railjax.linear_critical_speed(bogie))
+    note = "half gauge, wheel radius, conicity and yaw stiffness recalled"
+    rows = [Row("Hopf point of Cooperrider's bogie, m/s", COOPERRIDER, 68.66, hopf, ".2f", note)]
     linear, fold = railjax.linear_critical_speed(coach), railjax.nonlinear_critical(coach)
     fitted = [
         ("linear critical speed of the coach, km/h", 245.6, linear * 3.6, ".1f"),

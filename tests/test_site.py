@@ -84,8 +84,9 @@ def test_validation_page_holds_what_its_command_prints():
     assert len(fresh) > 30
     for row in fresh:
         assert rows_of(str(row))[row.quantity][:3] == written[row.quantity][:3], row.quantity
-    for text in ("Hopf point of Cooperrider's bogie, m/s", "nonlinear critical speed, km/h"):
-        assert written[text][1] == written[text][2]
+    hopf = written["Hopf point of Cooperrider's bogie, m/s"]
+    assert float(hopf[2]) == pytest.approx(float(hopf[1]), abs=0.05)
+    assert written["nonlinear critical speed, km/h"][1:3] == ["234.2", "234.2"]
     assert f"railjax {railjax.__version__}" in PAGE.read_text(encoding="utf-8")
     for row in fresh:  # what the source prints, to its digits, but where the note says why
         assert f"{row.published:{row.digits}}" == f"{row.ours:{row.digits}}" or row.note, row.quantity
