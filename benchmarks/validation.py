@@ -8,6 +8,7 @@ quantities and its figures) is compared by `railjax reproduce`.
 """
 
 import argparse
+import datetime
 import json
 from pathlib import Path
 from typing import NamedTuple
@@ -162,7 +163,7 @@ GROUPS = {"contact": contact, "ride": ride, "track": track, "damper": damper, "d
 def table(rows: list[Row]) -> str:
     """As Markdown, with what it was made with."""
     head = "| quantity | source | published | railjax | difference | note |\n|---|---|---|---|---|---|"
-    made = f"Made by railjax {railjax.__version__} with JAX {jax.__version__}."
+    made = f"Made on {datetime.date.today():%Y-%m-%d} by railjax {railjax.__version__} with JAX {jax.__version__}."
     return "\n".join([made, "", head, *map(str, rows)])
 
 
