@@ -19,7 +19,7 @@ from .channels import CHANNELS
 from .comfort import Comfort, comfort, floor_acceleration
 from .courses import animation_channels
 from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
-from .dampers import MaxwellDamper, PassiveDamper
+from .dampers import Damper, MaxwellDamper, PassiveDamper, Seen
 from .errors import InputError, NumericalError
 from .frequency import FrequencyResponse, frequency_response
 from .hunting import Branch, LimitCycle, hunting_branch
@@ -76,6 +76,7 @@ __all__ = [
     "ClippedLQR",
     "Comfort",
     "CriticalSpeed",
+    "Damper",
     "ErriSpectrum",
     "Film",
     "ForcedRun",
@@ -107,6 +108,7 @@ __all__ = [
     "RootLocus",
     "RunningRecord",
     "Scatter",
+    "Seen",
     "Simulation",
     "SinusoidTrack",
     "Skyhook",

@@ -62,9 +62,9 @@ class Acceptance:
     findings: dict[str, Finding]
     speed: Values  # m/s
     hunting_frequency: Values  # f0, Hz
-    sections: Int[np.ndarray, "..."]
+    sections: Int[np.ndarray, "..."]  # number of them
     section_length: Values  # m
-    minimum_sections: int
+    minimum_sections: int  # number that a full assessment needs
     ok: Bool[np.ndarray, "..."]
     name: str = ""
 
@@ -77,7 +77,7 @@ class Acceptance:
         )
 
     def lane(self, index: int) -> "Acceptance":
-        """The result of a single lane."""
+        """The result of a single lane, that of number `index`."""
         findings = {key: Finding(*(np.asarray(a[index]) for a in vars(f).values())) for key, f in self.findings.items()}
         arrays = (self.speed, self.hunting_frequency, self.sections, self.section_length)
         own = (np.asarray(a[index]) for a in arrays)
@@ -109,7 +109,8 @@ def default_section(speed: Number) -> Values:
 
 
 def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1.0, **options: Any) -> Acceptance:
-    """Assess a simulated run, or every lane of a batch: `acceptance_of_record` with the vehicle's axle load and bogie mass.
+    """Assess a simulated run, or every lane of a batch: `acceptance_of_record`, with its options such as
+    `prudhomme_factor`, a number, with the vehicle's axle load and bogie mass.
 
     The run must have recorded `acceptance_channels(vehicle)` at 200 Hz or more (`sample=5e-3`), at constant speed, over 25
     sections and the margins: about 6.6 km up to 220 km/h, 13 km beyond. P = 2 Q; M is the bogie frame with its wheelsets.
@@ -136,7 +137,7 @@ def acceptance_of_record(
     `prudhomme_factor` α is 1, for wagons 0.85. `section_length` in m, by default 250 up to 220 km/h and 500 beyond (UIC 518,
     recalled). The first and last `margin` seconds are filtered but not assessed, for transients of start and filters.
     `hunting_frequency` f0 in Hz, by default the highest peak of SumY's spectrum (without SumY, of the bogie accelerations).
-    With fewer than `minimum_sections` sections a quantity is "exceeded" if a section is beyond the limit, else not
+    With fewer sections than the number `minimum_sections` a quantity is "exceeded" if a section is beyond the limit, else not
     determined. Lanes with `record.ok` False are marked and the others kept.
 
     Raises `InputError` for values that are not finite, a sampling rate below 200 Hz and a record shorter than one section.

@@ -29,10 +29,10 @@ class RunningRecord:
 
     speed: Number
     sampling_rate: float
-    guiding_force: Any = None
-    bogie_acceleration: Any = None
-    carbody_acceleration: Any = None
-    ok: Any = True
+    guiding_force: Any = None  # N
+    bogie_acceleration: Any = None  # m/s^2
+    carbody_acceleration: Any = None  # m/s^2
+    ok: Any = True  # per lane: a number or bool, False leaves it out
     name: str = ""
 
     @property

@@ -45,7 +45,7 @@ class BoucWen:
     saturation: Number = optional(
         "V", "u_s", "voltage at which the magnetic circuit saturates; without it eqs. (15)-(17) are linear"
     )
-    n: float = structure(2.0)  # smoothness of the loop
+    n: float = structure(2.0)  # smoothness of the loop, dimensionless
 
     def __str__(self) -> str:
         return "\n".join(f"  {f.name:8s} {getattr(self, f.name):12.6g} {f.metadata['unit']}" for f in leaves(self))

@@ -55,10 +55,10 @@ class Calibration:
     vehicle: Vehicle
     factors: dict[str, float]  # unknown -> factor on its parameters, as the given vehicle has them
     values: dict[str, float]  # parameter -> fitted value, SI
-    residuals: dict[str, float]  # result -> computed minus wanted
+    residuals: dict[str, float]  # result -> computed minus wanted, km/h or mm
     jacobian: np.ndarray
     condition: float
-    iterations: int
+    iterations: int  # number of them
 
     def __str__(self) -> str:
         lines = [f"Calibration of {self.vehicle.name or '(unnamed)'}, {self.iterations} iterations (fitted, not predicted)"]
@@ -88,7 +88,7 @@ def calibrate(
     ... )  # doctest: +SKIP
 
     Each unknown of `fit` is one positive factor on the parameters it names, found on a logarithmic scale within `bounds`, from
-    1 or its value in `start` on. Results are those of `RESULTS`; the fold's amplitude is that of the `wheelset` of
+    1 or its value in `start` on. The results of `to` are those of `RESULTS` in km/h and mm; the fold's amplitude is that of the `wheelset` of
     `nonlinear_critical`. With more results than unknowns the sum of their squared relative errors is made smallest.
 
     `scipy.optimize.least_squares` with exact derivatives, of critical speeds by the implicit function and of the fold's

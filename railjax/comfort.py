@@ -61,16 +61,16 @@ class Comfort:
     the crest factor, `mean` N_MV over all directions given, or None. `places` names the lanes, `notes` say what to mind.
     """
 
-    sampling_rate: float
-    duration: float
+    sampling_rate: float  # Hz
+    duration: float  # s
     weightings: dict[str, str]
     rms: dict[str, Values]
     blocks: dict[str, Float[np.ndarray, "blocks *lanes"]]
     percentile: dict[str, Values] | None
-    mean: Values | None
+    mean: Values | None  # N_MV, dimensionless
     sperling: dict[str, Values]
     sperling_bands: dict[str, Float[np.ndarray, "bands *lanes"]]
-    sperling_exponents: tuple[float | int, float | int]
+    sperling_exponents: tuple[float | int, float | int]  # numbers: `sperling_exponent`, `sperling_power`
     dose: dict[str, Values]
     running: dict[str, Values]
     crest: dict[str, Values]
@@ -159,7 +159,7 @@ def comfort(
     N_MV is of the directions given: with the lateral one alone its part of it, which is below the whole. It takes the 95th
     percentile (between order statistics linearly) of successive 5 s; a test has 60 of them (5 min), 20 are the fewest of
     which one can lie beyond that percentile, and less than that is refused unless `mean=False`, which leaves N_MV out.
-    Sperling's exponents as in `sperling`. Lanes that a simulation marks as failed are NaN.
+    `sperling_exponent` and `sperling_power` as `exponent` and `power` of `sperling`. Lanes that a simulation marks as failed are NaN.
 
     Raises `InputError` for anything that is no finite number, rates below 100 Hz, records too short, unknown names. Not
     differentiable: `weighted_rms`, `sperling` and their neighbours in `railjax.vibration` are.

@@ -1,6 +1,6 @@
 """Lateral dampers of the secondary suspension: what takes the place of rho_cy in eq. (6); the passive ones.
 
-A damper is a pytree with two things, and needs no base class:
+A damper is a pytree with two things, and needs no base class; a law of one's own is written the same way (`Damper`):
 
 * `internal_states`: how many states of its own it carries per bogie (0 for a memoryless law);
 * `force(vehicle, travel, velocity, internal)`: the law itself, a pure function. `travel` and `velocity` are Δy_c and Δy_c' of
@@ -41,18 +41,38 @@ HARD, SOFT = 50e3, 50e3 * 3.0 / 30.31
 class Seen(NamedTuple):
     """What a controller may look at: all coordinates q and their rates q'."""
 
-    coordinates: Groups
-    rates: Groups
+    coordinates: Groups  # m, rad
+    rates: Groups  # m/s, rad/s
 
 
 @runtime_checkable
 class Damper(Protocol):
-    """What `simulate` asks of a damper."""
+    """What `simulate`, `hunting_branch`, `sweep`, `tune` and the rest ask of a damper: a frozen dataclass that is registered as a
+    pytree, with these two. What a law may have beyond them stands at the head of `railjax.dampers`.
 
-    internal_states: int
+    >>> @jax.tree_util.register_dataclass
+    ... @dataclass(frozen=True)
+    ... class OrificeDamper:
+    ...     leakage: float = 5e3  # N s/m
+    ...     orifice: float = 300e3  # N s^2/m^2
+    ...     internal_states: ClassVar[int] = 0
+    ...
+    ...     def force(self, vehicle, travel, velocity, internal):
+    ...         return 2.0 * (self.leakage + self.orifice * abs(velocity)) * velocity, internal
 
-    def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
-        """Force of one bogie's dampers, N, and the rate of their internal states."""
+    Its numbers are then "damper.leakage" and "damper.orifice" in sweeps and tuning; gradients are exact if the law is made of
+    `jax.numpy` and differentiable.
+    """
+
+    @property
+    def internal_states(self) -> int:
+        """States of its own per bogie: k."""
+        ...
+
+    @property
+    def force(self) -> Callable[..., tuple[Bogies, Bogies]]:
+        """(vehicle, travel (n, *lanes) m, velocity (n, *lanes) m/s, internal (k, n, *lanes)) to the force of one bogie's dampers,
+        (n, *lanes) N, and the rate of their internal states, (k, n, *lanes) per s."""
         ...
 
 
@@ -68,8 +88,14 @@ def damper_extremes(vehicle: Vehicle, damper: Damper) -> list[Damper]:
     return [damper, *(damper.extremes(vehicle) if hasattr(damper, "extremes") else ())]
 
 
-def check_damper(damper: Damper) -> None:
-    """Refuse numbers that are not finite or have the wrong sign, where they are known, and a law that is not there."""
+def check_damper(damper: object) -> None:
+    """Refuse what is no damper, numbers that are not finite or have the wrong sign, where they are known, and a law that is not there."""
+    kind = damper.__name__ if isinstance(damper, type) else type(damper).__name__
+    if isinstance(damper, type) or not isinstance(damper, Damper):
+        wanted = f"an object, {kind}()" if isinstance(damper, type) else "an object with internal_states and force(...)"
+        raise InputError(f"damper must be {wanted}, not {damper!r}; railjax.Damper says how to write one")
+    if jax.tree_util.all_leaves([damper]):
+        raise InputError(f"damper: {kind} is no pytree; decorate it with @jax.tree_util.register_dataclass")
     if not dataclasses.is_dataclass(damper):
         return
     for field in dataclasses.fields(damper):
@@ -92,7 +118,7 @@ def check_damper(damper: Damper) -> None:
 class PassiveDamper:
     """The vehicle's own dampers, rho_cy with its blow-off if it has one; or linear ones of `damping` (N s/m per side)."""
 
-    damping: Number = None
+    damping: Number = None  # N s/m per side; None: the vehicle's own
 
     internal_states: ClassVar[int] = 0
 
@@ -123,11 +149,11 @@ class MaxwellDamper:
     of the blow-off are sharp or rounded within `blow_off_width` as `law` says.
     """
 
-    damping: Number = 25e3
-    series_stiffness: Number = 5e6
-    blow_off_velocity: Number = None
-    damping_beyond: Number = None
-    blow_off_width: Number = 1e-3
+    damping: Number = 25e3  # N s/m per side
+    series_stiffness: Number = 5e6  # N/m per side
+    blow_off_velocity: Number = None  # m/s; None: no blow-off
+    damping_beyond: Number = None  # N s/m per side, beyond blow-off
+    blow_off_width: Number = 1e-3  # m/s
     law: Literal["sharp", "smooth"] = structure("sharp")
 
     internal_states: ClassVar[int] = 1

@@ -75,11 +75,11 @@ class FrequencyResponse:
     transfer: dict[str, Complex[Array, "waves ..."]]
     excitation: Excitation
     growth: Float[Array, "..."]
-    speed: Number
+    speed: Number  # m/s
     vehicle_name: str = structure("")
 
     def spectrum(self, channel: str, weight: str | None = None) -> Float[Array, "waves ..."]:
-        """One-sided power spectral density of a channel, (unit)^2/Hz, weighted by the `weighting` of that name if one is given."""
+        """One-sided power spectral density of a channel, (unit)^2/Hz, weighted by the `weighting` that `weight` names, if one is given."""
         return self._power(channel, weight) * self._as(channel, self.alignment_spectrum)
 
     @property
@@ -88,12 +88,12 @@ class FrequencyResponse:
         return _first(self.excitation.density, self.frequency.ndim) * (2.0 * jnp.pi) / jnp.asarray(self.speed)
 
     def shares(self, channel: str, weight: str | None = None) -> Float[Array, "waves ..."]:
-        """What each wave adds to the mean square of a channel, weighted or not."""
+        """What each wave adds to the mean square of a channel, (unit)^2 in SI; `weight` as in `spectrum`."""
         power = self._power(channel, weight)
         return power * _first(self.excitation.variance, power.ndim)
 
     def rms(self, channel: str, weight: str | None = None) -> Float[Array, "..."]:
-        """Root mean square of a channel, weighted or not ("Wd", ...)."""
+        """Root mean square of a channel in its SI unit; with a `weight` ("Wd", ...) weighted."""
         return sqrt_of_square(jnp.sum(self.shares(channel, weight), axis=0))
 
     def _power(self, channel: str, weight: str | None) -> Float[Array, "waves ..."]:

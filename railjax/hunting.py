@@ -60,7 +60,7 @@ class LimitCycle:
     floquet: Floquet
     state: Float[np.ndarray, "states"]
     residual: float
-    unknowns: Float[np.ndarray, "unknowns"]
+    unknowns: Float[np.ndarray, "unknowns"]  # the orbit as one vector of numbers about one
 
     @property
     def stable(self) -> bool:
@@ -98,12 +98,12 @@ class Branch:
     hopf: LinearCritical
     criticality: str
     slope_at_hopf: float
-    lyapunov: float | None
+    lyapunov: float | None  # 1/s, of amplitudes scaled as `normal_form` says; None: the law is not smooth
     pieces: tuple[tuple[LimitCycle, ...], ...]
     folds: tuple[LimitCycle, ...]
     events: tuple[Event, ...]
     note: str
-    wheelset: int
+    wheelset: int  # number from the front, whose displacement is the amplitude
     model: Model
     shooting: Shooting
 

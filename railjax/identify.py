@@ -79,16 +79,16 @@ class Identification:
     names: tuple[str, ...]
     standard_errors: dict[str, float]
     correlations: Float[np.ndarray, "names names"]
-    fit_error: float
-    heldout_error: float
-    heldout_correlation: float
-    published_heldout_error: float
+    fit_error: float  # relative
+    heldout_error: float  # relative
+    heldout_correlation: float  # dimensionless
+    published_heldout_error: float  # relative; of the published parameters, scaled to the record
     starts: tuple[float, ...]
     method: str
     simulations: int
-    seconds: float
+    seconds: float  # s
     record: Record = field(repr=False)
-    force: Samples = field(repr=False)
+    force: Samples = field(repr=False)  # of the fitted damper, N
     fitted_samples: slice = field(repr=False)
     evolution: Evolution | None = None
 
@@ -187,13 +187,14 @@ def identify_damper(
     evolution: bool = False,
     seed: int = 0,
 ) -> Identification:
-    """Fit a modified Bouc-Wen damper (n = 2) to the first `fit_share` of a record and score it on the rest.
+    """Fit a modified Bouc-Wen damper (n = 2) to the first part of a record, the share `fit_share`, and score it on the rest.
 
     All `starts` are optimised in one batch on a record thinned to about 1 ms (the published parameters, scaled to the record's
     force and velocity, and random ones around them), the best goes on with the full record by Levenberg-Marquardt. `iterations` of the batch: 30 of
     Levenberg-Marquardt by default, 300 of Adam. The first `settle` seconds are not scored, because the state at the start is
     unknown. `voltage_law`: eqs. (15)-(17), or the same of u_s tanh(u/u_s). `inertia`: of the rig's moving parts, between damper
-    and load cell. With `evolution`, differential evolution gets as many simulations, for comparison.
+    and load cell. `seed` is that
+    of all that is drawn. With `evolution`, differential evolution gets as many simulations, for comparison.
 
     c_0, c_1 and α are fitted by their values at rest and at the highest voltage, which stay positive; so do k_0, k_1, β, γ, η
     and u_s. Raises `InputError` for a record too short or options out of range, `NumericalError` where no start leads anywhere.

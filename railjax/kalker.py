@@ -70,7 +70,7 @@ class CreepCoefficients(NamedTuple):
 
 
 def kalker_coefficients(ratio: Scalar, poisson: Scalar = STEEL_POISSON) -> KalkerCoefficients:
-    """Kalker's table at a/b = `ratio` and Poisson's ratio (0 to 0.5); exact at the table's entries.
+    """Kalker's table at a/b = `ratio` and Poisson's ratio `poisson` (0 to 0.5); exact at the table's entries.
 
     Linear in log(a/b) between rows, through the three columns by Lagrange's parabola in nu. Outside 0.1 < a/b < 10 the
     end rows are kept.
@@ -101,8 +101,10 @@ def contact_ellipse(
     youngs_modulus: Scalar = STEEL_YOUNG,
     poisson: Scalar = STEEL_POISSON,
 ) -> ContactEllipse:
-    """Hertz: semi-axes of the contact of a wheel (rolling radius r_0; profile radius, infinite for a cone, negative if
-    hollow) on a rail head, all in m, under `load` (N), both of the same material.
+    """Hertz: semi-axes (m) of the contact of a wheel on a rail head under `load` (N), both of the same material.
+
+    `wheel_radius` r_0 (m) is the rolling one, `wheel_profile_radius` (m) that of the profile, infinite for a cone and negative if
+    hollow, `rail_head_radius` in m; `youngs_modulus` E in Pa; `poisson` nu, a number.
 
     Curvatures A = 1/(2 r_0) along, B = (1/R_rail + 1/R_wheel)/2 across. With the effective modulus E' = E/(2(1 - nu²)) and
     the eccentricity k² of the ellipse, A/B fixes k and the load the size: Johnson, Contact Mechanics (1985), sec. 4.2.
@@ -130,7 +132,8 @@ def creep_coefficients(
 ) -> CreepCoefficients:
     """f_11 = G ab C_11, f_33 = G ab C_22, f_12 = G (ab)^1.5 C_23, f_22 = G (ab)² C_33, with G = E/(2(1 + nu)).
 
-    Arguments as in `contact_ellipse`. A coach wheel (51 kN, r_0 0.46 m, rail head 0.3 m) gives about 10 MN; measured values
+    f_11 and f_33 in N, f_12 in N m, f_22 in N m^2. Arguments as in `contact_ellipse`: `load` in N, `wheel_radius`, `rail_head_radius` and
+    `wheel_profile_radius` in m, `youngs_modulus` in Pa, `poisson` a number. A coach wheel (51 kN, r_0 0.46 m, rail head 0.3 m) gives about 10 MN; measured values
     are often a third lower (contaminated rail).
     """
     a, b = contact_ellipse(load, wheel_radius, rail_head_radius, wheel_profile_radius, youngs_modulus, poisson)

@@ -50,8 +50,8 @@ def linear_critical_speed(
     """Speed (m/s) at which straight running first becomes unstable: an eigenvalue of E (eq. 4) crosses the imaginary axis.
 
     Differentiable once with respect to every float of the vehicle, in both modes (a second derivative raises an error). With
-    lanes in the vehicle the result has one value per lane: inf where stable up to `highest`, NaN where unstable at `lowest`
-    already or not computable. For a single vehicle these raise `NumericalError`. Needs double precision.
+    lanes in the vehicle the result has one value per lane: inf where stable up to `highest` (m/s), NaN where unstable at
+    `lowest` (m/s) already or not computable. For a single vehicle these raise `NumericalError`. Needs double precision.
     """
     found = linear_critical(vehicle, damper=damper, lowest=lowest, highest=highest)
     if not isinstance(found.code, jax.core.Tracer) and found.code.ndim == 0:
@@ -70,7 +70,7 @@ def linear_critical_speed(
 def linear_critical(
     vehicle: Vehicle, *, damper: Damper = PASSIVE, lowest: float = LOWEST, highest: float = HIGHEST
 ) -> LinearCritical:
-    """As `linear_critical_speed`, with frequency and result code instead of errors."""
+    """As `linear_critical_speed`, `lowest` and `highest` in m/s too, with frequency and result code instead of errors."""
     require_double_precision("the linear critical speed")
     trees = (without_labels(vehicle), damper)
     lanes = count_lanes(trees, _axes(trees))

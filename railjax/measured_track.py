@@ -119,6 +119,8 @@ class MeasuredTrack(SampledTrack):
 
         `columns` names the column of "distance", "alignment", "left", "right", "cross_level" and "gauge", `units` their units;
         what is not named is looked up in the header, which may give units as in "alignment (mm)". `notes` say what was assumed.
+        Waves are kept from `shortest` to `longest` (m), the record's ends faded in over `fade` m, and all is multiplied by the
+        number `amplitude`.
         """
         path = Path(path)
         found, notes = read_columns(

@@ -26,9 +26,9 @@ class Modes:
     magnified.
     """
 
-    speed: float
+    speed: float  # m/s
     names: list[str]
-    eigenvalues: Complex[np.ndarray, "modes"]
+    eigenvalues: Complex[np.ndarray, "modes"]  # 1/s
     shapes: Complex[np.ndarray, "n modes"]
     energy: Float[np.ndarray, "n modes"]  # share of the kinetic energy of each coordinate
     condition: Float[np.ndarray, "modes"]
@@ -165,10 +165,10 @@ class RootLocus:
     that the tracking is doubtful there (modes that exchange their shapes, or pairs that become real).
     """
 
-    speeds: Float[np.ndarray, "speeds"]
+    speeds: Float[np.ndarray, "speeds"]  # m/s
     names: list[str]
-    eigenvalues: Complex[np.ndarray, "speeds modes"]
-    overlap: Float[np.ndarray, "speeds modes"]
+    eigenvalues: Complex[np.ndarray, "speeds modes"]  # 1/s
+    overlap: Float[np.ndarray, "speeds modes"]  # dimensionless, 0 to 1
 
     @property
     def damping_ratio(self) -> Float[np.ndarray, "speeds modes"]:
@@ -177,7 +177,7 @@ class RootLocus:
 
 
 def root_locus(vehicle: Vehicle, speeds: Float[np.ndarray, "speeds"], damper: Damper = PASSIVE) -> RootLocus:
-    """Track every oscillating mode of the highest speed down to the lowest, by the overlap |w_i^H r_j| of left and right
+    """Track every oscillating mode from the highest of the `speeds` (m/s, rising) down to the lowest, by the overlap |w_i^H r_j| of left and right
     eigenvectors of neighbouring speeds. Names are those at the highest speed, where the parts are told apart best.
     """
     from scipy.optimize import linear_sum_assignment

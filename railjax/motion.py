@@ -268,7 +268,7 @@ def state_matrix(
 
 
 def track_matrix(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Float[Array, "states wheelsets"]:
-    """B of F*(t) = B eta(t), eq. (3): what the alignment eta_i (m) under each wheelset does to x', linear creep."""
+    """B of F*(t) = B eta(t), eq. (3): what the alignment eta_i (m) under each wheelset does to x', linear creep; `speed` in m/s."""
     return _rate_matrix(without_labels(vehicle), speed, damper, False)[:, state_size(vehicle, damper) :]
 
 

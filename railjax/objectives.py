@@ -48,12 +48,12 @@ def comfort(
     method: str = "auto",
     **run: Any,
 ) -> Quantity:
-    """Weighted r.m.s. acceleration, m/s^2: the root mean square over all `speeds` (m/s) and tracks, of several places the worst.
+    """Weighted r.m.s. of an acceleration `channel`, m/s^2: the root mean square over all `speeds` (m/s) and tracks, of several places the worst.
 
     `track` is a spectrum (a name, a table, a formula), a `RandomTrack`, or several of these in a list. `method`: "frequency" (linear; exact and in milliseconds), "statistical"
     (equivalent creep, flange and balance logic) or "time" (forward mode through a forced run, for any track, which may then be a
     `SinusoidTrack`; it takes `duration`, `settle` and `dt` in s; refused where the vehicle hunts). "auto" is "time" for tracks
-    that are no random ones, "statistical" for balance logic, else "frequency". `weighting` None is the plain r.m.s.
+    that are no random ones, "statistical" for balance logic and laws of your own without memory, else "frequency". `weighting` None is the plain r.m.s.
     """
     if weighting is not None:
         check_weighting(weighting)
@@ -83,7 +83,7 @@ def guiding_force(
     method: str = "auto",
     **run: Any,
 ) -> Quantity:
-    """Largest lateral force of the track on a wheelset (ΣY), N; as `travel`."""
+    """Largest lateral force of the track on a wheelset (ΣY), N; `speeds` (m/s), `track`, the number `peak_factor` and `method` as in `travel`."""
     return _response("guiding force", speeds, track, "guiding_force", None, peak_factor, method, run)
 
 
@@ -112,10 +112,10 @@ def _speeds(speeds: Any) -> Float[np.ndarray, "speeds"]:
 
 
 def linear_critical_speed(highest: Scalar = linear.HIGHEST, harmonic_hz: float | None = None) -> Quantity:
-    """Speed (m/s) at which straight running loses its stability; `highest` where it is stable up to there.
+    """Speed (m/s) at which straight running loses its stability; `highest` (m/s) where it is stable up to there.
 
     Balance logic has no linear law at rest, and its smooth twin's there is an artefact of the rounding. With `harmonic_hz` (the frequency of
-    hunting) its describing function takes its place, which holds for every amplitude, as the law is homogeneous: for Δy_c = X sin ωt per bogie
+    hunting, Hz) its describing function takes its place, which holds for every amplitude, as the law is homogeneous: for Δy_c = X sin ωt per bogie
     k = 2 c_min ω/π - α k_cy and c = c_min + 2 α k_cy/(π ω).
     """
     if not (np.isfinite(highest) and highest > linear.LOWEST):
@@ -126,8 +126,8 @@ def linear_critical_speed(highest: Scalar = linear.HIGHEST, harmonic_hz: float |
 def nonlinear_critical_speed(steps: int | None = None, harmonic_hz: float | None = None) -> Quantity:
     """Lowest speed (m/s) with a limit cycle, the fold; takes a few tenths of a second where the linear one takes milliseconds.
 
-    `steps` of RK4 in half a period as in `railjax.nonlinear_critical`, the same for all trials; None: 200. `harmonic_hz` as in
-    `linear_critical_speed`: hunting is nearly harmonic.
+    `steps` of RK4 in half a period as in `railjax.nonlinear_critical`, the same for all trials; None: 200. `harmonic_hz` (Hz) as
+    in `linear_critical_speed`: hunting is nearly harmonic.
     """
     return NonlinearCriticalSpeed(critical.FEWEST_STEPS if steps is None else int(steps), _frequency(harmonic_hz))
 
@@ -141,7 +141,7 @@ def _frequency(harmonic_hz: Any) -> float | None:
 
 
 def describing(damper: Damper, vehicle: Vehicle, harmonic_hz: float | None) -> Damper:
-    """The damper's smooth twin, or the describing function of balance logic at a frequency. Raises `InputError` for other
+    """The damper's smooth twin, or the describing function of balance logic at the frequency `harmonic_hz` (Hz). Raises `InputError` for other
     controlled dampers."""
     if harmonic_hz is None or not hasattr(damper, "held"):
         return smooth_damper(damper)
@@ -160,7 +160,7 @@ def least_damping(speed: Scalar) -> Quantity:
 def limit_cycle_amplitude(speed: Scalar, steps: int = critical.FEWEST_STEPS) -> Quantity:
     """Amplitude (m) of the limit cycle to which the vehicle is drawn from a large disturbance at a speed (m/s), 0 where it comes to rest.
 
-    Of the leading wheelset of the trailing bogie; by implicit differentiation of the orbit at this speed.
+    Of the leading wheelset of the trailing bogie; by implicit differentiation of the orbit at this speed. `steps`: their number in half a period.
     """
     return LimitCycleAmplitude(float(_one(speed)), int(steps))
 

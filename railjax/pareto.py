@@ -42,9 +42,9 @@ class Front:
     against: Float[np.ndarray, "points"]
     parameters: dict[str, Float[np.ndarray, "points"]]
     met: Bool[np.ndarray, "points"]
-    own: tuple[float, float]
+    own: tuple[float, float]  # objective and against of the vehicle as it is, SI
     evaluations: int
-    seconds: float
+    seconds: float  # s
     vehicle_name: str
     notes: tuple[str, ...]
 
@@ -60,7 +60,7 @@ class Front:
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
     def plot(self, axes: "Axes", label: str = "", colour: str | None = None) -> None:
-        """The front, objective upwards, and the vehicle as it is."""
+        """The front, objective upwards, and the vehicle as it is; `label` and `colour` of the curve."""
         from .plots import COLOURS
 
         one, other = self.quantity, self.against_quantity
@@ -92,7 +92,8 @@ def pareto(
     """How much of `objective` must be given for how much of `against`, over the `parameters` (as in `railjax.tune`).
 
     The ends are the best of either alone; between them `against` is held at evenly spaced limits and `objective` made best by
-    SLSQP with exact derivatives, each from the answer before. Raises as `tune`.
+    SLSQP with exact derivatives, each from the answer before: so many `points` in number, each under the `constraints` and to the
+    relative `tolerance` of `tune`. Raises as `tune`.
     """
     require_double_precision("pareto")
     if not isinstance(points, int) or points < 2:

@@ -30,11 +30,11 @@ DISTURBANCE = 1e-6
 class Ramp:
     """Amplitude (m) of a wheelset over the speed (m/s), on the way down and on the way up."""
 
-    down_speed: Float[np.ndarray, "windows"]
-    down_amplitude: Float[np.ndarray, "windows"]
-    up_speed: Float[np.ndarray, "windows"]
-    up_amplitude: Float[np.ndarray, "windows"]
-    rate: float
+    down_speed: Float[np.ndarray, "windows"]  # m/s
+    down_amplitude: Float[np.ndarray, "windows"]  # m
+    up_speed: Float[np.ndarray, "windows"]  # m/s
+    up_amplitude: Float[np.ndarray, "windows"]  # m
+    rate: float  # m/s^2
 
     @property
     def stops(self) -> float:
@@ -70,7 +70,8 @@ def speed_ramp(
 
     The way down begins with all wheelsets displaced by `amplitude` m (default the flange clearance) and 10 s at `high`; on the
     way up the track has a sinusoidal alignment of 1 µm with the wavelength of hunting. A jump comes late by what the vehicle
-    moves on in the meantime: less the slower the ramp. Raises `InputError` for speeds or a rate that make no ramp, and for a dt that RK4 does not hold.
+    moves on in the meantime: less the slower the ramp. Raises `InputError` for speeds or a rate that make no ramp, and for a `dt` (s) that RK4 does not hold.
+    `wheelset`, a number counted from the front: as in `hunting_branch`.
     """
     require_double_precision("a speed ramp")
     if not 0 < low < high:

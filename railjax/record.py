@@ -39,7 +39,7 @@ class Record:
     velocity: Samples
     command: Samples
     force: Samples
-    dt: float
+    dt: float  # s
     name: str = "record"
     notes: tuple[str, ...] = field(default=())
 
@@ -52,7 +52,7 @@ class Record:
         return np.arange(len(self)) * self.dt
 
     def until(self, last: int) -> "Record":
-        """The samples before the `last`."""
+        """The samples before number `last`."""
         return self._picked(slice(last), self.dt)
 
     def every(self, stride: int) -> "Record":

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .channels import CHANNELS
-from .dampers import Damper
+from .dampers import Damper, PassiveDamper
 from .errors import InputError
 from .frequency import POINTS, frequency_response, waves_of
 from .integrate import DIVERGED, largest_step
@@ -20,7 +20,7 @@ from .random_track import RandomTrack
 from .sampled_track import SampledTrack
 from .simulate import Simulation, simulate
 from .spectra import LONGEST, SHORTEST, spectrum
-from .statistical import CONVERGED, memoryless, statistical_linearisation
+from .statistical import CONVERGED, EquivalentDamper, memoryless, statistical_linearisation
 from .track import TangentTrack, Track
 from .typing import Number, Scalar
 from .vehicle import Vehicle, structure
@@ -105,13 +105,15 @@ class Response(Forced):
     method: str = structure("frequency")
 
     def suited(self, damper: Damper) -> "Response":
-        """Frequency domain for what is linear, statistical linearisation for what switches. Raises `InputError` for laws with memory."""
+        """Frequency domain for what is linear, statistical linearisation for what switches or is curved. Raises `InputError` for laws with memory."""
         controlled = hasattr(damper, "held")
         if self.method == "frequency" and controlled:
             raise InputError(
                 f"{self.label}: {type(damper).__name__} has no linear law; method='statistical' takes balance logic, 'time' any law"
             )
-        method = ("statistical" if controlled else "frequency") if self.method == "auto" else self.method
+        # a law of the user's own may be curved, and its slope at rest says little of it
+        curved = controlled or (memoryless(damper) and not isinstance(damper, (PassiveDamper, EquivalentDamper)))
+        method = ("statistical" if curved else "frequency") if self.method == "auto" else self.method
         if method == "statistical" and not memoryless(damper):
             raise InputError(f"{self.label}: {type(damper).__name__} has a memory; tune it with method='time'")
         return dataclasses.replace(self, method=method)

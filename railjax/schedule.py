@@ -48,14 +48,14 @@ class GainSchedule:
     best: Float[np.ndarray, "speeds"]
     scheduled: Float[np.ndarray, "speeds"]
     constant: float
-    rms_best: Float[np.ndarray, "speeds"]
-    rms_scheduled: Float[np.ndarray, "speeds"]
-    rms_constant: Float[np.ndarray, "speeds"]
-    rms_passive: Float[np.ndarray, "speeds"]
-    rms_sharp: Float[np.ndarray, "speeds"]
+    rms_best: Float[np.ndarray, "speeds"]  # m/s^2
+    rms_scheduled: Float[np.ndarray, "speeds"]  # m/s^2
+    rms_constant: Float[np.ndarray, "speeds"]  # m/s^2
+    rms_passive: Float[np.ndarray, "speeds"]  # m/s^2
+    rms_sharp: Float[np.ndarray, "speeds"]  # m/s^2
     coefficients: Float[np.ndarray, "coefficients"]
-    runs: int
-    seconds: float
+    runs: int  # number of runs
+    seconds: float  # s
 
     def at(self, speed: Any) -> Any:
         """α at a speed or speeds (m/s), beyond the ends that of the end."""
@@ -114,12 +114,13 @@ def schedule_gain(
     dt: float = 1e-3,
     scatter: Scatter | None = None,
 ) -> GainSchedule:
-    """The gain of a damper (default balance logic's α) for the least r.m.s. of a channel over rising `speeds` (m/s) on a track.
+    """The gain, `parameter`, of a damper (default balance logic's α) for the least r.m.s. of a channel over rising `speeds` (m/s) on a track.
 
     All speeds are lanes of one batch of forced runs with the smooth laws, differentiated in forward mode: at each speed the best of
-    9 gains, then 6 steps of a safeguarded secant on the derivative between its neighbours; then a polynomial α(v) of
+    9 gains within `bounds` (SI), then 6 steps of a safeguarded secant on the derivative between its neighbours; then a polynomial α(v) of
     `degree` and a single gain, each for the least mean square over the speeds. With `scatter` all this is of the mean square over
-    its samples. `track` is by default the paper's periodic one (5 mm, 20 m assumed).
+    its samples. `duration`, `settle` and `dt` (s) are
+    those of the runs as in `simulate`. `track` is by default the paper's periodic one (5 mm, 20 m assumed).
 
     Speeds at which the vehicle hunts are left out (NaN): no gain is tuned there. Raises `InputError` for bad speeds, bounds and
     parameters, `NumericalError` where the vehicle hunts at every speed. Needs double precision.

@@ -172,7 +172,7 @@ class BalanceLogic(ForceControlled):
     Signal: -Δy_c, m. Sensible: α 0.2 to 1.
     """
 
-    alpha: Number = 1.0
+    alpha: Number = 1.0  # α, dimensionless
     signal_scale: ClassVar[float] = 0.01
     largest_signal: ClassVar[float] = LARGEST_TRAVEL
 
@@ -271,7 +271,7 @@ class ClippedLQR(ForceControlled):
     """
 
     feedback: Number = field(default=None, metadata={"axes": 2})
-    force_limit: Number = 5e3
+    force_limit: Number = 5e3  # N per damper
     signal_scale: ClassVar[float] = 1e3
 
     @classmethod
@@ -311,7 +311,7 @@ class ClippedLQR(ForceControlled):
         return jnp.sum(feedback.reshape(feedback.shape + (1,) * (x.ndim + 1 - feedback.ndim)) * x, axis=1)
 
     def gain(self, vehicle: Vehicle) -> Scalar:
-        """The signal is the force."""
+        """1: the signal is the force, N."""
         return 1.0
 
     @property

@@ -47,13 +47,13 @@ class Simulation:
     state at the end, `code` a `Result` per lane. Indexing by name reads either.
     """
 
-    time: Float[Array, "samples"]
-    channels: dict[str, Float[Array, "samples ..."]]
-    reductions: dict[str, Float[Array, "..."]]
-    final: Float[Array, "states ..."]
+    time: Float[Array, "samples"]  # s
+    channels: dict[str, Float[Array, "samples ..."]]  # SI, units as in `railjax.CHANNELS`
+    reductions: dict[str, Float[Array, "..."]]  # SI
+    final: Float[Array, "states ..."]  # SI: m, rad, m/s, rad/s
     code: Int[Array, "..."]
-    speed: Number
-    dt: Number
+    speed: Number  # m/s
+    dt: Number  # s
     vehicle_name: str = structure("")
 
     def __getitem__(self, name: str) -> Float[Array, "..."]:
@@ -136,7 +136,7 @@ def simulate(
     `settle` seconds and not stored. `railjax.CHANNELS` lists the channels.
 
     A batch: any number in vehicle, speed, track, damper or initial may be an array of one axis of lanes; the others are
-    shared. Lanes run in chunks on all devices (`use_all_cores`). Inside `jax.vmap` or `jax.grad` it works as well.
+    shared. Lanes run in chunks of `chunk` in number on all devices (`use_all_cores`). Inside `jax.vmap` or `jax.grad` it works as well.
 
     A single run whose dt is beyond what RK4 holds raises `InputError`; in a batch (or inside a transformation) such a lane is
     marked in `code` and the others are kept. Differentiable in forward and reverse mode (checkpointed), but never

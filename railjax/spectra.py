@@ -32,7 +32,7 @@ class Spectrum(Protocol):
     """What a random track asks of a spectrum."""
 
     def density(self, wavenumber: Wavenumbers) -> Wavenumbers:
-        """S(Ω) in m²/(rad/m), one-sided, at Ω in rad/m."""
+        """S(Ω) in m²/(rad/m), one-sided, at Ω = `wavenumber` in rad/m."""
         ...
 
 
@@ -49,7 +49,7 @@ class ErriSpectrum:
     long_corner: Number = quantity("rad/m", "Ωr", "wavenumber below which the density is flat", 0.0206)
 
     def density(self, wavenumber: Wavenumbers) -> Wavenumbers:
-        """S(Ω), m²/(rad/m)."""
+        """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         w, c, r = wavenumber**2, self.corner**2, self.long_corner**2
         return self.roughness * c / ((w + r) * (w + c))
 
@@ -74,7 +74,7 @@ class FraSpectrum:
     factor: Number = quantity("1", "k", "factor of the class spectra", 0.25)
 
     def density(self, wavenumber: Wavenumbers) -> Wavenumbers:
-        """S(Ω), m²/(rad/m)."""
+        """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         w, c = wavenumber**2, self.corner**2
         return self.factor * self.roughness * c / (w * (w + c))
 
@@ -103,7 +103,7 @@ class TableSpectrum:
 
     @classmethod
     def checked(cls, wavenumber: ArrayLike | Sequence, density: ArrayLike | Sequence) -> "TableSpectrum":
-        """A table as `InputError` lets it pass: as many of each, at least two, finite, positive, wavenumbers rising."""
+        """A table of `density` (m²/(rad/m)) over `wavenumber` (rad/m), as `InputError` lets it pass: as many of each, at least two, finite, positive, wavenumbers rising."""
         w, s = (np.asarray(values, float) for values in (wavenumber, density))
         if w.ndim != 1 or w.shape != s.shape or w.size < 2:
             raise InputError(
@@ -135,7 +135,7 @@ class TableSpectrum:
             raise InputError(f"{path}: {error}") from None
 
     def density(self, wavenumber: Wavenumbers) -> Float[Array, "..."]:
-        """S(Ω), m²/(rad/m)."""
+        """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         w = jnp.asarray(wavenumber)
         table_w, table_s = jnp.asarray(self.wavenumber), jnp.asarray(self.values)
         inside = (w >= table_w[0]) & (w <= table_w[-1])
@@ -170,7 +170,7 @@ class FormulaSpectrum:
     formula: Callable = structure(None)
 
     def density(self, wavenumber: Wavenumbers) -> Float[Array, "..."]:
-        """S(Ω), m²/(rad/m)."""
+        """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         return jnp.asarray(self.formula(jnp.asarray(wavenumber)))
 
 

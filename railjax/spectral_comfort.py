@@ -17,9 +17,9 @@ NORMAL_95 = 1.6448536269514722
 class SpectralComfort(NamedTuple):
     """Per place and lane: weighted r.m.s. a_w (Wd, m/s^2), the lateral part of EN 12299's N_MV, Sperling's Wz."""
 
-    rms: Float[Array, "..."]
-    mean: Float[Array, "..."]
-    sperling: Float[Array, "..."]
+    rms: Float[Array, "..."]  # a_w, m/s^2
+    mean: Float[Array, "..."]  # lateral part of N_MV, dimensionless
+    sperling: Float[Array, "..."]  # Wz, dimensionless
 
 
 def spectral_comfort(response: FrequencyResponse, channel: str = "floor_acceleration") -> SpectralComfort:

@@ -21,11 +21,11 @@ class SpeedProfile:
     speed: Number
 
     def at(self, time: Float[Array, "..."]) -> Float[Array, "..."]:
-        """v(t), m/s."""
+        """v(t), m/s, at `time` t, s."""
         return jnp.interp(time, jnp.asarray(self.time, float), jnp.asarray(self.speed, float))
 
     def distance(self, time: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Integral of v from 0 (or the first point, if later) to t, exact, m."""
+        """Integral of v from 0 (or the first point, if later) to `time` t (s), exact, m."""
         knots, speeds = jnp.asarray(self.time, float), jnp.asarray(self.speed, float)
         steps = jnp.diff(knots)
         at_knots = jnp.concatenate([jnp.zeros(1), jnp.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * steps)])

@@ -55,7 +55,7 @@ class StatisticalResponse:
 
     response: FrequencyResponse
     gains: Gains
-    change: Float[Array, ""]
+    change: Float[Array, ""]  # relative, of the gains in the last iteration
 
     def __str__(self) -> str:
         g = jax.tree.map(np.asarray, self.gains)
@@ -91,7 +91,8 @@ def statistical_linearisation(
     longest: Scalar = LONGEST,
     points: int = POINTS,
 ) -> StatisticalResponse:
-    """As `frequency_response`, with creep saturation, the flange and the damper's law replaced by their statistical equivalents.
+    """As `frequency_response`, with creep saturation, the flange and the damper's law replaced by their statistical equivalents;
+    `speed` in m/s, `record`, `shortest` and `longest` in m and the number of `points` as there.
 
     Laws of travel and velocity without memory: `PassiveDamper` (blow-off), `BalanceLogic` without lags, and any of your own that has
     no internal states and observes nothing; others raise `InputError`. Bump stops and yaw dampers' blow-off stay linear. For balance

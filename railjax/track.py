@@ -31,7 +31,7 @@ class Track(Protocol):
 
 
 def alignment(track: Track, distance: ArrayLike) -> Distances:
-    """Lateral alignment eta in m at any distances in m."""
+    """Lateral alignment eta in m at any `distance` (m, of any shape) along the track."""
     distance = jnp.asarray(distance, float)
     return track.seen_from(jnp.zeros_like(distance))(distance)
 
@@ -42,7 +42,7 @@ class TangentTrack:
     """Straight, without irregularity."""
 
     def seen_from(self, offset: Distances) -> Alignment:
-        """eta = 0."""
+        """eta = 0, m, whatever `offset` (m) and distance."""
         return lambda start: jnp.zeros(jnp.broadcast_shapes(offset.shape, jnp.shape(start)), offset.dtype)
 
 
@@ -77,12 +77,12 @@ class BumpTrack:
     period sinusoid function which considers the irregularity tangent to the track" is read as this.
     """
 
-    amplitude: Number
-    length: Number
-    start: Number = 20.0
+    amplitude: Number  # A, m
+    length: Number  # L, m
+    start: Number = 20.0  # m
 
     def seen_from(self, offset: Distances) -> Alignment:
-        """The bump at start + offset."""
+        """The bump at start + `offset`, m: a function of the distance (m)."""
 
         def at(start: Distances) -> Distances:
             along = jnp.clip((start + offset - self.start) / self.length, 0.0, 1.0)

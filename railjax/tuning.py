@@ -91,6 +91,7 @@ def tune(
 
     `optimiser`: "slsqp" (SciPy's; the default for one start), "lbfgs" (optax's in an augmented Lagrangian; the default for
     several, all as one batch), "adam", or any optax transformation. Derivatives are exact and of the mode that suits each quantity.
+    `tolerance`, the relative change of the objective, and the number `most_steps` end a descent.
     A start that cannot be computed is marked in `descents` and does not disturb the others.
 
     The answer is checked with the sharp laws. With `tighten`, where these do not meet a constraint the smooth computation's limit

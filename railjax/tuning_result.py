@@ -49,18 +49,18 @@ class Tuning:
 
     vehicle: Vehicle
     damper: Damper
-    parameters: dict[str, float]
-    before: dict[str, float]
+    parameters: dict[str, float]  # SI
+    before: dict[str, float]  # SI
     units: dict[str, str]
     quantity: Quantity
-    objective: float
-    objective_sharp: float
-    objective_before: float
+    objective: float  # SI
+    objective_sharp: float  # SI
+    objective_before: float  # SI
     constraints: tuple[Kept, ...]
     descents: tuple[Descent, ...]
-    best: int
-    evaluations: int
-    seconds: float
+    best: int  # number of the descent
+    evaluations: int  # number of them
+    seconds: float  # s
     optimiser: str
     at_bounds: tuple[str, ...]
     notes: tuple[str, ...]

@@ -48,7 +48,7 @@ def weighted_acceleration(acceleration: ArrayLike, sampling_rate: float | int, n
 def weighted_rms(
     acceleration: ArrayLike, sampling_rate: float | int, name: str = "Wd", settle: float | int = 0.0
 ) -> Float[Array, "*lanes"]:
-    """a_w = sqrt(mean(a_w(t)^2)) (ISO 2631-1, eq. 1) of an acceleration (samples, *lanes) weighted by `name`.
+    """a_w = sqrt(mean(a_w(t)^2)) (ISO 2631-1, eq. 1) of an `acceleration` (m/s^2, shape (samples, *lanes)) at `sampling_rate` (Hz), weighted by `name`.
 
     The first `settle` seconds are left out after the weighting. Differentiable where the acceleration is not 0 throughout.
     """
@@ -125,7 +125,10 @@ def sperling(
     exponent: float | int = 1.0 / 6.67,
     power: float | int = 6.67,
 ) -> Float[Array, "*lanes"]:
-    """Sperling's index Wz = (sum of Wz_i^power)^(1/power) over the third octaves of `sperling_bands`; m/s^2 in.
+    """Sperling's index Wz = (sum of Wz_i^power)^(1/power) over the third octaves of `sperling_bands`.
+
+    Of an `acceleration` in m/s^2, shape (samples, *lanes), at `sampling_rate` in Hz, in a `direction` ("lateral" or "vertical"). The
+    `exponent` (a number) is that of `sperling_bands`.
 
     `power` 6.67 adds mean squares, so that Wz does not depend on where the bands' edges lie; many codes take the tenth root
     of tenth powers (`power=10`), which is lower. Below 2 very good, 2.5 good, 3 satisfactory for passengers (recalled).

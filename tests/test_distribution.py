@@ -1,0 +1,106 @@
+"""What is published: the wheel, built from the source archive, works outside the repository with nothing of it on the path; versions
+agree; the code is clean to linter and type checker."""
+
+import os
+import re
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import railjax
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """The source archive and the wheel that is built out of it, with the installed build backend."""
+    pytest.importorskip("build")
+    pytest.importorskip("hatchling")
+    out = tmp_path_factory.mktemp("dist")
+    call(sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(ROOT), cwd=out)
+    (archive,), (wheel,) = out.glob("*.tar.gz"), out.glob("*.whl")
+    return archive, wheel
+
+
+def call(*command, cwd, **environment):
+    found = subprocess.run(command, cwd=cwd, capture_output=True, text=True, env=os.environ | environment)
+    assert found.returncode == 0, found.stdout + found.stderr
+    return found.stdout
+
+
+def test_source_archive_has_what_a_packager_needs(built):
+    with tarfile.open(built[0]) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert {
+        "pyproject.toml",
+        "LICENSE",
+        "README.md",
+        "CHANGELOG.md",
+        "tests/test_motion.py",
+        "railjax/vehicles/coach.toml",
+    } <= names
+    assert {"notebooks/mkdocs.yml", "notebooks/pages/theory.md", "benchmarks/validation.py"} <= names
+    assert not [name for name in names if name.endswith((".png", ".pyc", ".zarr"))]
+
+
+def test_wheel_has_the_package_alone(built):
+    with zipfile.ZipFile(built[1]) as wheel:
+        names = wheel.namelist()
+        metadata = wheel.read(next(name for name in names if name.endswith("METADATA"))).decode()
+    assert {"railjax/py.typed", "railjax/vehicles/coach.toml"} <= set(names)
+    assert {name.partition("/")[0] for name in names} == {"railjax", f"railjax-{railjax.__version__}.dist-info"}
+    assert "License-Expression: MIT" in metadata
+    assert re.search(r"^Requires-Dist: jax!=0\.10\.2,!=0\.11\.0,!=0\.11\.1,>=0\.10\.1", metadata, flags=re.MULTILINE)
+
+
+def test_wheel_works_from_elsewhere(built, tmp_path):
+    """Installed into an empty folder, which comes first on the path; run from another."""
+    target, elsewhere = tmp_path / "site", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    call(
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-index",
+        "--target",
+        str(target),
+        str(built[1]),
+        cwd=elsewhere,
+    )
+    code = "import railjax; print(railjax.__file__); print(*railjax.packaged_vehicles())"
+    where, vehicles = call(sys.executable, "-c", code, cwd=elsewhere, PYTHONPATH=str(target)).splitlines()
+    assert Path(where).is_relative_to(target)
+    assert "coach" in vehicles.split()
+    listed = call(sys.executable, "-m", "railjax.cli", "vehicles", "--json", cwd=elsewhere, PYTHONPATH=str(target))
+    assert "cooperrider-bogie" in listed
+    assert (target / "bin" / "railjax").is_file()
+
+
+def test_versions_agree():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["version"] == railjax.__version__
+    assert re.fullmatch(r"\d+\.\d+\.\d+", railjax.__version__)
+    newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert newest
+    assert newest[1] == railjax.__version__
+
+
+@pytest.mark.parametrize("command", [["ruff", "check"], ["ruff", "format", "--check"], ["mypy", "railjax"]], ids=" ".join)
+def test_code_is_clean(command):
+    pytest.importorskip(command[0])
+    call(sys.executable, "-m", *command, cwd=ROOT)
+
+
+def test_hooks_before_a_commit_are_local():
+    text = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    assert set(re.findall(r"repo: (\S+)", text)) == {"local"}
+    assert "://" not in text
