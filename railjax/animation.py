@@ -48,9 +48,9 @@ class Film:
     amplitude is arbitrary, is drawn with 8 mm), and how many times slower than the motion it runs."""
 
     path: Path
-    frames: int
-    magnified: float
-    slow: float
+    frames: int  # number of pictures
+    magnified: float  # ratio
+    slow: float  # ratio
 
     def __str__(self) -> str:
         return f"{self.path}: {self.frames} pictures, displacements magnified {self.magnified:g} times, slow motion 1:{self.slow:.3g}"
@@ -88,7 +88,7 @@ def animate(
     last 1.5), a `LimitCycle` of `hunting_branch` (one period, integrated with the `damper` that it belongs to), or `Modes`, of which the
     one numbered `mode` is shown as a steady oscillation of arbitrary amplitude. The film runs `slow` times slower than the motion
     (default 5 for a simulation; else one period in 2.4 s); displacements and yaw angles are drawn `magnified` times (default up to 0.5 m), which the
-    picture says. `progress(done, total)` is called for every picture.
+    picture says. `title` stands above it (default: what moves); `progress(done, total)` is called with the number of pictures.
 
     Raises `InputError` for another suffix, missing channels (named), lanes, an overdamped mode, a span outside the run;
     `NumericalError` for a run that diverged.
