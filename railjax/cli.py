@@ -21,6 +21,7 @@ from .cli_common import (
     complete_track,
     finite,
     load,
+    prepare,
     show,
     working,
 )
@@ -305,12 +306,10 @@ def reproduce(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from . import use_all_cores, use_double_precision
     from .report import number
     from .reproduce import reproduce as run
 
-    use_double_precision()
-    use_all_cores()
+    prepare()
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     # not into a file or a pipe, where errors are to be the only line
     with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:

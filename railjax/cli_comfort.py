@@ -16,6 +16,7 @@ from .cli_common import (
     complete_vehicle,
     finite,
     load,
+    prepare,
     show,
     working,
 )
@@ -80,12 +81,12 @@ def comfort(
     finite(fs=fs, speed_kmh=speed_kmh, wavelength_m=wavelength_m, duration_s=duration_s, dt_s=dt_s)
     finite(sperling_exponent=sperling_exponent, sperling_power=sperling_power)
     finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha)
-    from . import MeasuredTrack, use_double_precision
+    from . import MeasuredTrack
     from .comfort import comfort as judge
     from .deflections import CARBODY_TO_FLOOR
     from .units import KMH
 
-    use_double_precision()
+    prepare()
     options = {"mean": mean_comfort, "sperling_exponent": sperling_exponent, "sperling_power": sperling_power}
     if source.lower().endswith(".csv"):
         records, rate, notes = _read(Path(source), fs, columns, unit)

@@ -55,12 +55,20 @@ TrackSeed = Annotated[int | None, typer.Option(help="Which random track; 0 if no
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]
 
 
-def load(name: str) -> Any:
-    """Prepare JAX (double precision, all cores) and load the vehicle."""
-    from . import load_vehicle, use_all_cores, use_double_precision
+def prepare() -> None:
+    """JAX as the command line uses it: double precision, all cores, and what an earlier command compiled is not compiled again."""
+    from . import keep_compiled, use_all_cores, use_double_precision
 
     use_double_precision()
     use_all_cores()
+    keep_compiled()
+
+
+def load(name: str) -> Any:
+    """Prepare JAX and load the vehicle."""
+    from . import load_vehicle
+
+    prepare()
     return load_vehicle(name)
 
 

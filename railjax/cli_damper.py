@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .cli_common import AsJson, completing, finite, show, working
+from .cli_common import AsJson, completing, finite, prepare, show, working
 from .errors import InputError
 
 damper_app = typer.Typer(help="The hybrid magnetorheological damper: its design, its model.", no_args_is_help=True)
@@ -44,13 +44,12 @@ def damper_design(
     options = {name: value for name, value in locals().items() if name != "as_json"}
     finite(**options)
 
-    from . import use_double_precision
     from .damper_design import Requirements, design_hybrid
     from .hydraulics import HydraulicDamper, Pilot
     from .mr_device import MrDevice, MrFluid
     from .paper_damper import ASSUMED, inputs, lines, quantities
 
-    use_double_precision()
+    prepare()
     damper = HydraulicDamper(piston_diameter_mm / 1e3, rod_diameter_mm / 1e3, force_n, velocity_mm_per_s / 1e3)
     pilot = Pilot(pilot_diameter_mm / 1e3, opening_width_mm / 1e3, minimum_drop_bar * 1e5)
     device = MrDevice(
@@ -142,11 +141,10 @@ def damper_identify(
     if out is not None and not out.parent.is_dir():
         raise InputError(f"--out {out}: cannot be written (there is no folder {out.parent})")
 
-    from . import use_double_precision
     from .identify import identify_damper
     from .record import read_record
 
-    use_double_precision()
+    prepare()
     columns = {"time": time, "displacement": displacement, "velocity": velocity, "command": command, "force": force}
     units = {
         "time": time_unit,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .cli_common import AsJson, calibrated, show
+from .cli_common import AsJson, calibrated, prepare, show
 from .errors import InputError
 
 if TYPE_CHECKING:
@@ -30,7 +30,6 @@ def sweep(
     Example: railjax sweep study.toml --out results.zarr
     """
     from . import sweep as run
-    from . import use_all_cores, use_double_precision
     from .sweep_files import EXAMPLE, read_study
 
     if example:
@@ -38,8 +37,7 @@ def sweep(
         return
     if study is None:
         raise InputError("name a study file; railjax sweep --example prints one")
-    use_double_precision()
-    use_all_cores()
+    prepare()
     arguments = read_study(study)
     share = _share(part)
     start = time.monotonic()
