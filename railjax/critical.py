@@ -42,6 +42,7 @@ from .orbits import (
     Point,
     Problem,
     Shooting,
+    amplitude_index,
     implicit_speed,
     pack,
     rounded,
@@ -60,6 +61,8 @@ ENTRY = 1.02
 LARGEST_STEP, MOST_STEPS = 0.1, 400
 #: share of a fold's speed at which it is tried whether one bogie hunts on by itself
 BELOW = 0.998
+#: and, where bogies that barely feel each other do not settle on one period, the share of the linear critical speed
+APART = 0.99
 #: displacement (share of the clearance) below which a falling branch is taken to have ended in the Hopf point
 SMALL = 0.1
 #: fewest steps of RK4 in half a period; the fold of the coach moves by less than 1e-4 km/h when they are doubled
@@ -128,9 +131,9 @@ def nonlinear_critical(
     the paper's fig. 6. `steps` of RK4 cut half a period; by default enough for the fastest motion of the vehicle, at least 200.
 
     The branch is entered from above: 2 % above the linear critical speed the vehicle is drawn to a limit cycle, which is
-    followed down to its fold; where one bogie then hunts on by itself, that one is followed as well. So what is found is the
-    end of the motions that a vehicle settles on, as a slow ramp down would show, also where bogies that barely feel each other
-    make many branches.
+    followed down to its fold; where one bogie then hunts on by itself, that one is followed as well. Bogies that barely feel
+    each other (a soft secondary damper) may hunt at two frequencies, which is no limit cycle; then each is tried by itself 1 % below the
+    linear critical speed. So what is found is the end of the motions that a vehicle settles on, as a slow ramp down would show.
     """
     require_double_precision("the nonlinear critical speed")
     trees = without_labels(rounded(vehicle)), damper
@@ -272,14 +275,18 @@ def _lowest_fold(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Point,
     bogies = wheelset_shape(model.vehicle)[0]
     tries = bogies if bogies > 1 else 0
     masks = jnp.asarray(np.array([_bogie_alone(model, k) for k in range(bogies)]))
+    first_wheelset = amplitude_index(model.vehicle, 0)
+    displacements = slice(first_wheelset, first_wheelset + int(np.prod(wheelset_shape(model.vehicle))))
 
     def below(search: Search, alone: Int[Array, ""]) -> Search:
-        """One bogie by itself a little below the lowest fold; ends the search after the last."""
+        """One bogie by itself a little below the lowest fold, or the Hopf point; ends the search after the last."""
         orbit = unpack(model, shooting, search.lowest.unknowns)
         state = orbit.state * masks[jnp.clip(alone, 0, bogies - 1)]
-        guess = pack(model, shooting, orbit._replace(state=state, speed=BELOW * orbit.speed))
-        problem = Problem(guess, by_speed, BELOW * orbit.speed / SPEED)
-        stage = jnp.where(search.found & (alone < tries), ENTERING, DONE)
+        # the critical mode may hardly move this bogie
+        state = jnp.where(search.found, 1.0, clearance / jnp.max(jnp.abs(state[displacements]))) * state
+        speed = jnp.where(search.found, BELOW, APART / ENTRY) * orbit.speed
+        problem = Problem(pack(model, shooting, orbit._replace(state=state, speed=speed)), by_speed, speed / SPEED)
+        stage = jnp.where((search.found | ~search.vanished) & (alone < tries), ENTERING, DONE)
         return search._replace(problem=problem, alone=alone, stage=stage, periods=jnp.asarray(SETTLING))
 
     def entered(search: Search, point: Point) -> Search:
