@@ -61,7 +61,7 @@ ENTRY = 1.02
 LARGEST_STEP, MOST_STEPS = 0.1, 400
 #: share of a fold's speed at which it is tried whether one bogie hunts on by itself
 BELOW = 0.998
-#: and, where bogies that barely feel each other do not settle on one period, the share of the linear critical speed
+#: and, where there is no fold to start from, the share of the linear critical speed
 APART = 0.99
 #: displacement (share of the clearance) below which a falling branch is taken to have ended in the Hopf point
 SMALL = 0.1
@@ -131,9 +131,10 @@ def nonlinear_critical(
     the paper's fig. 6. `steps` of RK4 cut half a period; by default enough for the fastest motion of the vehicle, at least 200.
 
     The branch is entered from above: 2 % above the linear critical speed the vehicle is drawn to a limit cycle, which is
-    followed down to its fold; where one bogie then hunts on by itself, that one is followed as well. Bogies that barely feel
-    each other (a soft secondary damper) may hunt at two frequencies, which is no limit cycle; then each is tried by itself 1 % below the
-    linear critical speed. So what is found is the end of the motions that a vehicle settles on, as a slow ramp down would show.
+    followed down to its fold; where one bogie then hunts on by itself, that one is followed as well. Where there is no such cycle or
+    no fold (bogies that barely feel each other, as with soft secondary dampers, may hunt at two frequencies; a small cycle may end
+    in the Hopf point beside a large one) each bogie is tried by itself 1 % below the linear critical speed. So what is found is the
+    end of the motions that a vehicle settles on, as a slow ramp down would show.
     """
     require_double_precision("the nonlinear critical speed")
     trees = without_labels(rounded(vehicle)), damper
@@ -286,7 +287,7 @@ def _lowest_fold(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Point,
         state = jnp.where(search.found, 1.0, clearance / jnp.max(jnp.abs(state[displacements]))) * state
         speed = jnp.where(search.found, BELOW, APART / ENTRY) * orbit.speed
         problem = Problem(pack(model, shooting, orbit._replace(state=state, speed=speed)), by_speed, speed / SPEED)
-        stage = jnp.where((search.found | ~search.vanished) & (alone < tries), ENTERING, DONE)
+        stage = jnp.where(alone < tries, ENTERING, DONE)
         return search._replace(problem=problem, alone=alone, stage=stage, periods=jnp.asarray(SETTLING))
 
     def entered(search: Search, point: Point) -> Search:

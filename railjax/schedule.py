@@ -234,7 +234,7 @@ class _Runs:
         _, duration, _, dt = self.options
         run = simulate(vehicle, self.lanes, track=self.track, damper=damper, duration=duration, dt=dt, record=(), sample=dt)
         self.count += 2 * len(self.lanes)
-        return hunting(vehicle, damper, self.lanes, run, dt).reshape(-1, self.samples).any(axis=1)
+        return hunting(vehicle, damper, self.lanes, run.final, dt).reshape(-1, self.samples).any(axis=1)
 
     def best_each(self, low: float, high: float) -> Float[np.ndarray, "speeds"]:
         """The best gain of each speed."""
