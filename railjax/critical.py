@@ -284,8 +284,9 @@ def _lowest_fold(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Point,
         """One bogie by itself a little below the lowest fold, or the Hopf point; ends the search after the last."""
         orbit = unpack(model, shooting, search.lowest.unknowns)
         state = orbit.state * masks[alone % bogies]
-        # the critical mode may hardly move this bogie
-        state = jnp.where(search.found, 1.0, clearance / jnp.max(jnp.abs(state[displacements]))) * state
+        # the mode, or the hunting of the other bogie, may hardly move this one
+        moved = jnp.max(jnp.abs(state[displacements]))
+        state = jnp.where(moved < 0.5 * clearance, clearance / moved, 1.0) * state
         speed = jnp.where(search.found, BELOW, apart[jnp.clip(alone // bogies, 0, len(APART) - 1)] / ENTRY) * orbit.speed
         problem = Problem(pack(model, shooting, orbit._replace(state=state, speed=speed)), by_speed, speed / SPEED)
         stage = jnp.where(alone < jnp.where(search.found, tries, tries * len(APART)), ENTERING, DONE)
