@@ -103,9 +103,9 @@ def trade_off(vehicle: Vehicle, points: int = POINTS, against: Any = None) -> di
     }
 
 
-@study("trade-off", "Stiffer is faster but rides worse: Pareto fronts with and without control")
+# not registered as a study: several minutes of processor time, too long for `railjax reproduce`
 def stiffness_and_comfort(context: Context) -> Outcome:
-    """Weighted comfort on a random track against the nonlinear critical speed."""
+    """Weighted comfort on a random track against the nonlinear critical speed, with and without control; called by hand."""
     fronts = trade_off(context.coach)
     with figure(height=3.8) as (page, axes):
         for k, (name, front) in enumerate(fronts.items()):
