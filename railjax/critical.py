@@ -42,6 +42,7 @@ from .orbits import (
     Point,
     Problem,
     Shooting,
+    amplitude_index,
     implicit_speed,
     pack,
     rounded,
@@ -60,6 +61,8 @@ ENTRY = 1.02
 LARGEST_STEP, MOST_STEPS = 0.1, 400
 #: share of a fold's speed at which it is tried whether one bogie hunts on by itself
 BELOW = 0.998
+#: and, where there is no fold to start from, the shares of the linear critical speed
+APART = (0.99, 0.95, 0.9, 0.85)
 #: displacement (share of the clearance) below which a falling branch is taken to have ended in the Hopf point
 SMALL = 0.1
 #: fewest steps of RK4 in half a period; the fold of the coach moves by less than 1e-4 km/h when they are doubled
@@ -128,9 +131,10 @@ def nonlinear_critical(
     the paper's fig. 6. `steps` of RK4 cut half a period; by default enough for the fastest motion of the vehicle, at least 200.
 
     The branch is entered from above: 2 % above the linear critical speed the vehicle is drawn to a limit cycle, which is
-    followed down to its fold; where one bogie then hunts on by itself, that one is followed as well. So what is found is the
-    end of the motions that a vehicle settles on, as a slow ramp down would show, also where bogies that barely feel each other
-    make many branches.
+    followed down to its fold; where one bogie then hunts on by itself, that one is followed as well. Where there is no such cycle or
+    no fold (bogies that barely feel each other, as with soft secondary dampers, may hunt at two frequencies; a small cycle may end
+    in the Hopf point beside a large one) each bogie is tried by itself at 0.99, 0.95, 0.9 and 0.85 of the linear critical speed. So
+    what is found is the end of the motions that a vehicle settles on, as a slow ramp down would show.
     """
     require_double_precision("the nonlinear critical speed")
     trees = without_labels(rounded(vehicle)), damper
@@ -272,14 +276,20 @@ def _lowest_fold(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Point,
     bogies = wheelset_shape(model.vehicle)[0]
     tries = bogies if bogies > 1 else 0
     masks = jnp.asarray(np.array([_bogie_alone(model, k) for k in range(bogies)]))
+    apart = jnp.asarray(APART)
+    first_wheelset = amplitude_index(model.vehicle, 0)
+    displacements = slice(first_wheelset, first_wheelset + int(np.prod(wheelset_shape(model.vehicle))))
 
     def below(search: Search, alone: Int[Array, ""]) -> Search:
-        """One bogie by itself a little below the lowest fold; ends the search after the last."""
+        """One bogie by itself a little below the lowest fold, or the Hopf point; ends the search after the last."""
         orbit = unpack(model, shooting, search.lowest.unknowns)
-        state = orbit.state * masks[jnp.clip(alone, 0, bogies - 1)]
-        guess = pack(model, shooting, orbit._replace(state=state, speed=BELOW * orbit.speed))
-        problem = Problem(guess, by_speed, BELOW * orbit.speed / SPEED)
-        stage = jnp.where(search.found & (alone < tries), ENTERING, DONE)
+        state = orbit.state * masks[alone % bogies]
+        # the mode, or the hunting of the other bogie, may hardly move this one
+        moved = jnp.max(jnp.abs(state[displacements]))
+        state = jnp.where(moved < 0.5 * clearance, clearance / moved, 1.0) * state
+        speed = jnp.where(search.found, BELOW, apart[jnp.clip(alone // bogies, 0, len(APART) - 1)] / ENTRY) * orbit.speed
+        problem = Problem(pack(model, shooting, orbit._replace(state=state, speed=speed)), by_speed, speed / SPEED)
+        stage = jnp.where(alone < jnp.where(search.found, tries, tries * len(APART)), ENTERING, DONE)
         return search._replace(problem=problem, alone=alone, stage=stage, periods=jnp.asarray(SETTLING))
 
     def entered(search: Search, point: Point) -> Search:

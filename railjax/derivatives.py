@@ -1,5 +1,7 @@
 """Values of quantities and their derivatives by the parameters of a design space, each in its own mode."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,34 +15,50 @@ from .quantities import Quantity, Trees
 def differentiated(
     quantity: Quantity, space: DesignSpace, x: Float[np.ndarray, "lanes parameters"]
 ) -> tuple[Float[np.ndarray, "lanes"], Float[np.ndarray, "lanes parameters"]]:
-    """Values and derivatives at points of the unit box.
+    """Values and derivatives at points of the unit box."""
+    return differentiated_to_the_end(quantity, space, x)[:2]
 
-    In reverse mode all points are one call, and the gradient with respect to everything is formed and projected, so that one
-    compilation serves every choice of parameters. In forward mode, through time, points take turns: only what is tuned carries
-    tangents, and a run alone is one kernel.
+
+def differentiated_to_the_end(
+    quantity: Quantity, space: DesignSpace, x: Float[np.ndarray, "lanes parameters"]
+) -> tuple[Float[np.ndarray, "lanes"], Float[np.ndarray, "lanes parameters"], list[Any]]:
+    """Values, derivatives and, for each point, the `end` that `Quantity.check` takes.
+
+    Points take turns. In reverse mode the gradient with respect to everything is formed and then projected, so that one compilation
+    serves every choice of parameters. In forward mode, through time, only what is tuned carries tangents, and a run alone is one
+    kernel.
     """
     if quantity.mode == "forward":
         found = [_forward(quantity, space, jnp.asarray(point)) for point in x]
-        return np.array([float(value) for value, _ in found]), np.array([np.asarray(slope) for _, slope in found])
-    values, slopes = _reverse(quantity, *space.stacked(jnp.asarray(x)))
-    return np.array(values), np.array(slopes)
+        values, slopes, ends = zip(*found, strict=True)
+        return np.array([float(value) for value in values]), np.array([np.asarray(slope) for slope in slopes]), list(ends)
+    values, slopes = np.empty(len(x)), np.empty(x.shape)
+    for k, point in enumerate(x):
+        trees, tangents = space.along(jnp.asarray(point))
+        value, gradients = _reverse(quantity, trees)
+        values[k], slopes[k] = float(value), np.asarray(_projected(gradients, tangents))
+    return values, slopes, [None] * len(x)
 
 
 @jax.jit
-def _reverse(quantity: Quantity, trees: Trees, tangents: Trees):
-    # one after another, as LAPACK's batched calls deadlock when several are at work (`linear`)
-    values, gradients = jax.lax.map(jax.value_and_grad(lambda tree: quantity.value(*tree)), trees)
-    along = jax.tree.map(lambda g, t: jnp.sum(g[:, None] * t, axis=tuple(range(2, t.ndim))), gradients, tangents)
-    return values, sum(jax.tree.leaves(along))
+def _reverse(quantity: Quantity, trees: Trees):
+    return jax.value_and_grad(lambda trees: quantity.value(*trees))(trees)
+
+
+@jax.jit
+def _projected(gradients: Trees, tangents: Trees) -> Float[Array, "parameters"]:
+    """Scalar products of a gradient with the tangents, which are first along their axes."""
+    along = jax.tree.map(lambda g, t: jnp.sum(g * t, axis=tuple(range(1, t.ndim))), gradients, tangents)
+    return sum(jax.tree.leaves(along))
 
 
 @one_kernel
 def _forward(quantity: Quantity, space: DesignSpace, x: Float[Array, "parameters"]):
-    def of(x: Float[Array, "parameters"]) -> Float[Array, ""]:
-        return quantity.value(*space.apply(x))
+    def of(x: Float[Array, "parameters"]) -> tuple[Float[Array, ""], Any]:
+        return quantity.ended(*space.apply(x))
 
     if x.shape[0] == 1:
-        value, slope = jax.jvp(of, (x,), (jnp.ones(1),))
-        return value, slope[None]
-    values, slopes = jax.vmap(lambda tangent: jax.jvp(of, (x,), (tangent,)))(jnp.eye(x.shape[0]))
-    return values[0], slopes
+        value, slope, end = jax.jvp(of, (x,), (jnp.ones(1),), has_aux=True)
+        return value, slope[None], end
+    along = jax.vmap(lambda tangent: jax.jvp(of, (x,), (tangent,), has_aux=True), out_axes=(None, 0, None))
+    return along(jnp.eye(x.shape[0]))

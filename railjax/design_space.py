@@ -93,9 +93,9 @@ class DesignSpace:
         """Vehicle and damper at a point of the unit box."""
         return with_values(self.vehicle, self.damper, self.paths, self.values(x))
 
-    def stacked(self, x: Float[Array, "lanes parameters"]) -> tuple[Trees, Trees]:
-        """Vehicles and dampers of several points, lanes on the first axis, and their derivatives by x, lanes and then parameters."""
-        return _stacked(self, x)
+    def along(self, x: Float[Array, "parameters"]) -> tuple[Trees, Trees]:
+        """Vehicle and damper at a point, and their derivatives by x, parameters on the first axis."""
+        return _along(self, x)
 
     def designed(self, vehicle: Vehicle, damper: Damper, x: Any, note: str) -> Trees:
         """The user's own vehicle and damper with plain numbers at a point, and what was tuned marked in the provenance."""
@@ -118,9 +118,8 @@ def with_values(vehicle: Vehicle, damper: Damper, paths: tuple[tuple[str, ...], 
 
 
 @jax.jit
-def _stacked(space: DesignSpace, x: Float[Array, "lanes parameters"]) -> tuple[Trees, Trees]:
-    slopes = jax.vmap(lambda tangent, at: jax.jvp(space.apply, (at,), (tangent,))[1], in_axes=(0, None))
-    return jax.vmap(space.apply)(x), jax.vmap(lambda at: slopes(jnp.eye(x.shape[1]), at))(x)
+def _along(space: DesignSpace, x: Float[Array, "parameters"]) -> tuple[Trees, Trees]:
+    return space.apply(x), jax.vmap(lambda tangent: jax.jvp(space.apply, (x,), (tangent,))[1])(jnp.eye(x.shape[0]))
 
 
 def _get(vehicle: Vehicle, damper: Damper, path: str) -> Any:

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Array, Complex, Float
 
 from .dampers import Damper
 from .deflections import labels, layout, size
@@ -44,7 +45,7 @@ class Modes:
     @property
     def damping_ratio(self) -> Float[np.ndarray, "modes"]:
         """zeta = -Re(lambda)/|lambda|; negative means unstable."""
-        return _damping(self.eigenvalues)
+        return np.asarray(damping_ratios(self.eigenvalues))
 
     def __str__(self) -> str:
         lines = [
@@ -90,9 +91,10 @@ def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
     return Modes(float(speed), names, values, shapes, energy, condition, labels(vehicle), right, left)
 
 
-def _damping(values: Complex[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """zeta = -Re(lambda)/|lambda|; 0 for a rigid-body mode, lambda = 0."""
-    return -values.real / np.maximum(np.abs(values), np.finfo(float).tiny)
+def damping_ratios(values: Complex[Array | np.ndarray, "..."]) -> Float[Array, "..."]:
+    """zeta = -Re(lambda)/|lambda| of eigenvalues; 0 for a rigid-body mode, lambda = 0."""
+    size = jnp.abs(values)
+    return -values.real / jnp.where(size > 0.0, size, 1.0)
 
 
 def _names(vehicle: Vehicle, values: np.ndarray, shapes: np.ndarray, energy: np.ndarray) -> list[str]:
@@ -102,7 +104,7 @@ def _names(vehicle: Vehicle, values: np.ndarray, shapes: np.ndarray, energy: np.
     for group, shape in layout(vehicle).items():
         rows[group] = slice(start, start + int(np.prod(shape)))
         start = rows[group].stop
-    damping = _damping(values)
+    damping = np.asarray(damping_ratios(values))
     names = []
     hunting = []
     for k in range(len(values)):
@@ -173,7 +175,7 @@ class RootLocus:
     @property
     def damping_ratio(self) -> Float[np.ndarray, "speeds modes"]:
         """zeta = -Re(lambda)/|lambda|."""
-        return _damping(self.eigenvalues)
+        return np.asarray(damping_ratios(self.eigenvalues))
 
 
 def root_locus(vehicle: Vehicle, speeds: Float[np.ndarray, "speeds"], damper: Damper = PASSIVE) -> RootLocus:

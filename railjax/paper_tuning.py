@@ -1,13 +1,14 @@
 """Beyond the paper: its gain tuned over speed, and its trade-off "stiffer is faster but rides worse" as Pareto fronts, with and
 without the semi-active damper."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from . import objectives as aim
 from .dampers import SOFT, Damper
-from .linear import linear_critical
 from .motion import PASSIVE
 from .paper_passive import ASSUMED_TRACK
 from .pareto import Front, pareto
@@ -16,32 +17,50 @@ from .schedule import schedule_gain
 from .semiactive import BalanceLogic
 from .study import Context, Outcome, Picture, Quantity, Statement, study
 from .units import KMH
-from .vehicle import Vehicle, get_parameter
+from .vehicle import Vehicle, YawDamper, get_parameter
 
-#: km/h
-SPEEDS = np.linspace(100.0, 240.0, 15)
+#: km/h; s of a run, and of these before the r.m.s. begins
+SPEEDS, DURATION, SETTLE = np.linspace(100.0, 240.0, 15), 12.0, 6.0
+#: at α = 2 the mean stiffness of the secondary suspension, 2 k_cy - α k_cy per bogie, is gone
+GAINS = (0.0, 1.9)
 #: of the front: speed (km/h), points, and the factors on the coach's values within which the suspension is free
 SPEED, POINTS, FREE = 200.0, 20, (0.5, 2.0)
 SUSPENSION = ("primary.stiffness_x", "primary.stiffness_y", "secondary.stiffness_y")
+#: N s/m per side; the coach has no yaw dampers: the least is as good as none
+YAW_DAMPING = (1e3, 50e3)
+#: suspension values that an engineer may choose within these bounds, for tests and benchmarks of eight parameters
+EIGHT = {
+    "primary.stiffness_x": (1e6, 10e6),
+    "primary.stiffness_y": (4e6, 20e6),
+    "primary.damping_x": (0.0, 20e3),
+    "primary.damping_y": (0.0, 20e3),
+    "secondary.stiffness_x": (60e3, 300e3),
+    "secondary.stiffness_y": (60e3, 300e3),
+    "secondary.damping_y": (5e3, 80e3),
+    "secondary.anti_roll_stiffness": (0.0, 2e6),
+}
+#: of RK4 in half a period of hunting: the fold moves by less than 0.01 km/h against twice as many
+STEPS = 100
 
 
 @study("gain-over-speed", "Balance logic: the best gain over speed")
 def gain_over_speed(context: Context) -> Outcome:
     """The best gain at each speed, a schedule and a single gain, by forward-mode gradients of forced runs."""
-    found = schedule_gain(context.coach, SPEEDS / KMH)
+    found = schedule_gain(
+        context.coach, SPEEDS / KMH, bounds=GAINS, degree=min(3, len(SPEEDS) - 1), duration=DURATION, settle=SETTLE
+    )
     with figure(rows=2, height=2.8, share_x=True) as (page, axes):
         found.plot(axes[0, 0])
         axes[0, 0].set_xlabel("")
-        for label, values in (
-            ("passive", found.rms_passive),
-            ("best gain at each speed", found.rms_best),
-            ("schedule", found.rms_scheduled),
-            ("best single gain", found.rms_constant),
-            ("schedule, sharp law", found.rms_sharp),
+        for label, values, style in (
+            ("best gain at each speed", found.rms_best, "o"),
+            ("schedule, sharp law", found.rms_sharp, "-"),
+            ("best single gain", found.rms_constant, ":"),
+            ("passive", found.rms_passive, "-"),
         ):
-            axes[1, 0].plot(SPEEDS, values, label=label)
+            axes[1, 0].plot(SPEEDS, values, style, ms=4, label=label)
         axes[1, 0].set(xlabel="speed, km/h", ylabel="r.m.s. of car body\nacceleration, m/s²", ylim=(0, None))
-        legend_above(axes[1, 0], 3)
+        legend_above(axes[1, 0], 4)
     loss = np.nanmax(found.rms_constant / found.rms_best) - 1.0
     quantities = [Quantity("best single gain of balance logic", "(not in the paper)", None, found.constant, "1", False, None)]
     hunts = SPEEDS[~np.isfinite(found.rms_best)]
@@ -58,29 +77,35 @@ def gain_over_speed(context: Context) -> Outcome:
 
 
 def trade_off(vehicle: Vehicle, points: int = POINTS, against: Any = None) -> dict[str, Front]:
-    """Comfort against the nonlinear critical speed with the passive dampers and with balance logic, each with its own free."""
+    """Comfort against the nonlinear critical speed with the passive dampers and with balance logic, each with its own free.
+
+    The vehicle gets linear, rigidly held yaw dampers where it has none. The critical speed of the controlled vehicle is the fold of
+    the limit cycles under the smooth law, whose widths (5 mm/s, 0.2 mm) are small beside a hunting motion.
+    """
+    if vehicle.yaw_damper is None:
+        vehicle = dataclasses.replace(vehicle, yaw_damper=YawDamper(YAW_DAMPING[0], half_distance=1.35))
     own = {
         path: tuple(factor * float(get_parameter(vehicle, path)) for factor in FREE)
         for path in (*SUSPENSION, "secondary.damping_y")
     }
-    suspension = {path: own[path] for path in SUSPENSION}
+    shared = {path: own[path] for path in SUSPENSION} | {"yaw_damper.damping": (*YAW_DAMPING, "linear")}
+    damping = own["secondary.damping_y"]
     cases: dict[str, tuple[Damper, dict]] = {
-        "passive": (PASSIVE, own),
+        "passive": (PASSIVE, shared | {"secondary.damping_y": damping}),
         "balance logic": (
             BalanceLogic(0.5, damping_min=2.0 * SOFT),
-            suspension | {"damper.alpha": (0.0, 1.5), "damper.damping_min": (SOFT, own["secondary.damping_y"][1])},
+            shared | {"damper.alpha": (0.0, 1.5), "damper.damping_min": (SOFT, damping[1])},
         ),
     }
-    hunting = float(linear_critical(vehicle).frequency)
-    comfort, against = aim.comfort(SPEED / KMH), against or aim.nonlinear_critical_speed(harmonic_hz=hunting)
+    comfort, against = aim.comfort(SPEED / KMH), against or aim.nonlinear_critical_speed(STEPS)
     return {
         name: pareto(vehicle, bounds, comfort, against, damper=damper, points=points) for name, (damper, bounds) in cases.items()
     }
 
 
-@study("trade-off", "Stiffer is faster but rides worse: Pareto fronts with and without control")
+# not registered as a study: several minutes of processor time, too long for `railjax reproduce`
 def stiffness_and_comfort(context: Context) -> Outcome:
-    """Weighted comfort on a random track against the nonlinear critical speed."""
+    """Weighted comfort on a random track against the nonlinear critical speed, with and without control; called by hand."""
     fronts = trade_off(context.coach)
     with figure(height=3.8) as (page, axes):
         for k, (name, front) in enumerate(fronts.items()):
@@ -91,6 +116,7 @@ def stiffness_and_comfort(context: Context) -> Outcome:
         f"{name}: {front.objective[0]:.4f} m/s² at {front.against[0] * KMH:.1f} km/h to {front.objective[-1]:.4f} m/s² at {front.against[-1] * KMH:.1f} km/h"
         for name, front in fronts.items()
     )
+    gains = gains_over(controlled, passive)
     statements = [
         Statement(
             "Stiffer suspensions are faster but ride worse.",
@@ -101,29 +127,31 @@ def stiffness_and_comfort(context: Context) -> Outcome:
         Statement(
             "The semi-active damper moves the front: at no speed does it ride worse than the passive one.",
             "section 5 (implied)",
-            _never_worse(controlled, passive),
-            ends,
+            bool(len(gains) and np.all(gains > -1e-3)),
+            f"{100 * np.min(gains, initial=1.0):.0f} to {100 * np.max(gains, initial=0.0):.0f} % less weighted acceleration at equal critical speed; {ends}",
         ),
     ]
     picture = Picture(
         "trade-off",
         "Comfort against nonlinear critical speed",
-        f"Fronts over k_ox, k_oy, k_cy (each {FREE[0]:g} to {FREE[1]:g} times the coach's), with rho_cy, or with α and the least damping of balance logic in its place, "
-        f"{passive.evaluations + controlled.evaluations} evaluations with exact derivatives. Comfort: Wd-weighted r.m.s. at {SPEED:g} km/h on ERRI high, linear or statistically "
-        "linearised; critical speed: the fold of the limit cycles. Crosses: the coach as it is. Local optima are possible. Predicted, on calibrated values.",
+        f"Fronts over k_ox, k_oy, k_cy (each {FREE[0]:g} to {FREE[1]:g} times the coach's), yaw dampers ({YAW_DAMPING[0] / 1e3:g} to {YAW_DAMPING[1] / 1e3:g} kN s/m a side; the coach has "
+        f"none) and rho_cy, or α and the least damping of balance logic in its place; {passive.evaluations + controlled.evaluations} evaluations with exact derivatives. "
+        f"Comfort: Wd-weighted r.m.s. at {SPEED:g} km/h on ERRI high, linear or statistically linearised; critical speed: the fold of the limit cycles, of the controlled coach "
+        "under the smooth twin of its law. Crosses: the coach as it is, and with α 0.5 in place of rho_cy. Primary stiffness and yaw dampers cost next to no comfort on straight "
+        "track (curves are not modelled), so a front is level until these stand at their bounds. Local optima are possible. Predicted, on calibrated values.",
         "Two curves of weighted acceleration over nonlinear critical speed, passive and with balance logic.",
         page,
     )
     assumptions = [
-        "Trade-off: for critical speeds balance logic is replaced by its describing function at the coach's hunting frequency.",
         "Trade-off: track ERRI high; the least damping of the controlled damper is at least that of its open valve.",
+        "Trade-off: yaw dampers linear, rigidly held, 1.35 m from the middle.",
     ]
     return Outcome(statements=statements, pictures=[picture], assumptions=assumptions)
 
 
-def _never_worse(one: Front, other: Front) -> bool:
-    """Where both fronts are."""
+def gains_over(one: Front, other: Front) -> Float[np.ndarray, "points"]:
+    """By what share `one` is lower at those points of `other` that lie within its range; negative where it is higher."""
     order = np.argsort(one.against)
     within = (other.against >= one.against.min()) & (other.against <= one.against.max())
     at = np.interp(other.against[within], one.against[order], one.objective[order])
-    return bool(np.any(within) and np.all(at <= other.objective[within] * 1.001))
+    return 1.0 - at / other.objective[within]

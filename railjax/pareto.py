@@ -109,6 +109,7 @@ def pareto(
     own = evaluate.objective_of(first), evaluate.constraint_of(first, 0)
     if not np.all(np.isfinite(own)):
         raise NumericalError("pareto: the vehicle itself has no value of both; start from one that has")
+    evaluate.check(start)
     evaluate.scale = abs(own[0]) or 1.0
 
     def best(of: Quantity, held: list[Constraint], x: np.ndarray) -> minimise.Descent:
@@ -141,6 +142,7 @@ def pareto(
     rows = []
     for x, missed in zip(found, failed, strict=True):
         values = evaluate(x[None])[0][0]
+        evaluate.check(x)
         rows.append((evaluate.objective_of(values), evaluate.constraint_of(values, 0), not missed, x))
     count += len(rows)
     values = np.array([np.asarray(space.values(jnp.asarray(row[3]))) for row in rows])

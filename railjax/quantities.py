@@ -64,8 +64,12 @@ class Quantity:
         """The quantity by a method that the damper's law allows. Raises `InputError` where there is none."""
         return self
 
-    def check(self, vehicle: Vehicle, damper: Damper) -> None:
-        """Raise `InputError` where this vehicle's quantity must not be differentiated."""
+    def ended(self, vehicle: Vehicle, damper: Damper) -> tuple[Float[Array, ""], Any]:
+        """`value`, and what `check` wants to know of its computation; of those in forward mode."""
+        return self.value(vehicle, damper), None
+
+    def check(self, vehicle: Vehicle, damper: Damper, end: Any = None) -> None:
+        """Raise `InputError` where this vehicle's quantity must not be differentiated; `end` saves computing it again."""
 
     def shown(self, value: float) -> str:
         """A value in SI as printed."""

@@ -30,6 +30,7 @@ MODULES = (
     "railjax.paper_controlled_hunting",
     "railjax.paper_comfort",
     "railjax.paper_acceptance",
+    "railjax.paper_tuning",
 )
 
 Progress = Callable[[str, int, int], None]

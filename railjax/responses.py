@@ -195,8 +195,8 @@ class Run(Forced):
         speeds = jnp.asarray(self.speeds)
         return speeds if speeds.shape[0] > 1 else speeds[0]
 
-    def _values(self, vehicle: Vehicle, damper: Damper, speeds: Any) -> Float[Array, "tracks *lanes"]:
-        """Of each track; of places the worst."""
+    def _values(self, vehicle: Vehicle, damper: Damper, speeds: Any) -> tuple[Float[Array, "tracks *lanes"], list[Array]]:
+        """Of each track, of places the worst; and the states at the end."""
         lanes = 1 if count_lanes((vehicle, damper, speeds), (*own_axes_of((vehicle, damper)), 0)) else 0
         if self.weighting:
             runs = self._runs(vehicle, damper, speeds, record=(self.channel,), sample=1.0 / RATE)
@@ -207,11 +207,13 @@ class Run(Forced):
             found = [run[how] for run in runs]
         worst = [jnp.max(values, axis=0) if values.ndim > lanes else values for values in found]
         # not run.ok, whose look at dt XLA does not put into one kernel with the run; `check` looks
-        within = [jnp.max(jnp.abs(run.final), axis=0) < DIVERGED * FASTEST for run in runs]
-        return jnp.stack([jnp.where(fine, values, jnp.nan) for fine, values in zip(within, worst, strict=True)])
+        ends = [run.final for run in runs]
+        within = [jnp.max(jnp.abs(end), axis=0) < DIVERGED * FASTEST for end in ends]
+        return jnp.stack([jnp.where(fine, values, jnp.nan) for fine, values in zip(within, worst, strict=True)]), ends
 
-    def _value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
-        return self._together(self._values(vehicle, damper, self._speed).reshape(-1))
+    def _ended(self, vehicle: Vehicle, damper: Damper) -> tuple[Float[Array, ""], list[Array]]:
+        values, ends = self._values(vehicle, damper, self._speed)
+        return self._together(values.reshape(-1)), ends
 
     def each(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "lanes"]:
         """All lanes and speeds in one batch."""
@@ -221,21 +223,26 @@ class Run(Forced):
         repeated = jax.tree.map(
             lambda leaf, own: jnp.repeat(leaf, len(speeds), -1) if jnp.ndim(leaf) > own else leaf, trees, axes
         )
-        found = self._values(*repeated, jnp.tile(speeds, count)).reshape(len(self.tracks), count, len(speeds))
+        values, _ = self._values(*repeated, jnp.tile(speeds, count))
+        found = values.reshape(len(self.tracks), count, len(speeds))
         return jax.vmap(lambda values: self._together(values.reshape(-1)), in_axes=1)(found)
 
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
-        return self._value(*smoothed_laws(vehicle, damper))
+        return self.ended(vehicle, damper)[0]
+
+    def ended(self, vehicle: Vehicle, damper: Damper) -> tuple[Float[Array, ""], list[Array]]:
+        """With the states at the end of the runs."""
+        return self._ended(*smoothed_laws(vehicle, damper))
 
     def sharp(self, vehicle: Vehicle, damper: Damper) -> float:
         """The same run with the sharp laws."""
-        return float(self._value(*sharp_laws(vehicle, damper)))
+        return float(self._ended(*sharp_laws(vehicle, damper))[0])
 
-    def check(self, vehicle: Vehicle, damper: Damper) -> None:
+    def check(self, vehicle: Vehicle, damper: Damper, end: Any = None) -> None:
         """Let the vehicle run on, on even track: what does not die out is hunting."""
         vehicle, damper = smoothed_laws(vehicle, damper)
-        for run in self._runs(vehicle, damper, self._speed, record=(), sample=self.dt):
-            hunts = hunting(vehicle, damper, self._speed, run, self.dt)
+        for state in self._ended(vehicle, damper)[1] if end is None else end:
+            hunts = hunting(vehicle, damper, self._speed, state, self.dt)
             if np.any(hunts):
                 at = kmh(np.asarray(self.speeds)[np.atleast_1d(hunts)])
                 raise InputError(
@@ -244,8 +251,10 @@ class Run(Forced):
                 )
 
 
-def hunting(vehicle: Vehicle, damper: Damper, speed: Any, run: Simulation, dt: float) -> Bool[np.ndarray, "*lanes"]:
-    """Where the motion that a run has ended with does not die out on even track, or the run cannot be used."""
+def hunting(
+    vehicle: Vehicle, damper: Damper, speed: Any, state: Float[Array, "states *lanes"], dt: float
+) -> Bool[np.ndarray, "*lanes"]:
+    """Where the motion from a state on does not die out on even track, or the state cannot be used."""
     free = simulate(
         vehicle,
         speed,
@@ -253,11 +262,11 @@ def hunting(vehicle: Vehicle, damper: Damper, speed: Any, run: Simulation, dt: f
         damper=damper,
         duration=COASTING,
         dt=dt,
-        initial=run.final,
+        initial=state,
         record=("wheelset_y",),
         sample=10 * dt,
     )
     y = np.asarray(free["wheelset_y"])
     second = len(y) // int(COASTING)
     first, last = (np.sqrt(np.mean(part**2, axis=0)).max(axis=0) for part in (y[:second], y[-second:]))
-    return np.asarray(~np.asarray(run.ok) | ((last > LEFT * first) & (last > REST)) | ~np.isfinite(last))
+    return np.asarray(((last > LEFT * first) & (last > REST)) | ~np.isfinite(last) | ~np.asarray(free.ok))

@@ -125,7 +125,7 @@ class Robust(Quantity):
             return float(np.mean(found))
         return float(np.min(found) if self.quantity.greatest else np.max(found))
 
-    def check(self, vehicle: Vehicle, damper: Damper) -> None:
+    def check(self, vehicle: Vehicle, damper: Damper, end: Any = None) -> None:
         """Of every sample."""
         if self.quantity.mode == "forward":
             for tree in self._apart(vehicle, damper):

@@ -78,13 +78,14 @@ class GainSchedule:
         return "\n".join(lines)
 
     def plot(self, axes: "Axes") -> None:
-        """Gains over speed."""
+        """Gains over the speeds at which the vehicle does not hunt."""
         axes.plot(self.speeds * KMH, self.best, "o", ms=4, label="best at each speed")
-        fine = np.linspace(self.speeds[0], self.speeds[-1], 101)
+        moving = self.speeds[np.isfinite(self.best)]
+        fine = np.linspace(moving[0], moving[-1], 101)
         axes.plot(fine * KMH, self.at(fine), label="schedule")
         axes.axhline(self.constant, color="0.4", linestyle=":", label="best single gain")
-        axes.set(xlabel="speed, km/h", ylabel=r"gain $\alpha$", ylim=(0, None))
-        axes.legend()
+        axes.set(xlabel="speed, km/h", ylabel=r"gain $\alpha$", ylim=(0, 1.1 * max(np.nanmax(self.best), self.constant)))
+        axes.legend(loc="lower left")
 
 
 def bernstein(
@@ -235,7 +236,7 @@ class _Runs:
         _, duration, _, dt = self.options
         run = simulate(vehicle, self.lanes, track=self.track, damper=damper, duration=duration, dt=dt, record=(), sample=dt)
         self.count += 2 * len(self.lanes)
-        return hunting(vehicle, damper, self.lanes, run, dt).reshape(-1, self.samples).any(axis=1)
+        return hunting(vehicle, damper, self.lanes, run.final, dt).reshape(-1, self.samples).any(axis=1)
 
     def best_each(self, low: float, high: float) -> Float[np.ndarray, "speeds"]:
         """The best gain of each speed."""

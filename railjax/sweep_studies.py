@@ -18,6 +18,7 @@ from .dampers import Damper
 from .frequency import frequency_response
 from .lanes import count_lanes, each_lane, one_by_one, over_lanes, own_axes
 from .linear import LinearCritical, Stability, linear_critical
+from .modes import damping_ratios
 from .motion import PASSIVE, state_matrix
 from .precision import require_double_precision
 from .simulate import Simulation, simulate
@@ -119,7 +120,7 @@ class LeastDamping:
 def _least_damping(trees: tuple, lanes: int | None) -> _Least:
     def single(vehicle: Vehicle, speed: Scalar, damper: Damper) -> _Least:
         values = jnp.linalg.eigvals(state_matrix(vehicle, speed, damper))
-        ratio = jnp.where(values.imag > 0, -values.real / jnp.abs(values), jnp.inf)
+        ratio = jnp.where(values.imag > 0, damping_ratios(values), jnp.inf)
         least = jnp.argmin(ratio)
         return _Least(ratio[least], values.imag[least] / (2.0 * jnp.pi), jnp.max(values.real))
 

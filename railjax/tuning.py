@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from . import minimise
 from .dampers import Damper, check_damper
-from .derivatives import differentiated
+from .derivatives import differentiated_to_the_end
 from .design_space import OF_DAMPER, DesignSpace
 from .errors import InputError, NumericalError
 from .minimise import Descent
@@ -38,11 +38,13 @@ class Evaluator:
         self.constraints = list(constraints)
         self.scale = 1.0
         self.last: tuple[np.ndarray, list] | None = None
+        self.ends: dict[bytes, list] = {}
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self.last is None or not np.array_equal(self.last[0], x):
             quantities = [self.objective, *(entry.quantity for entry in self.constraints)]
-            self.last = x.copy(), [differentiated(quantity, self.space, x) for quantity in quantities]
+            self.last = x.copy(), [differentiated_to_the_end(quantity, self.space, x) for quantity in quantities]
+            self.ends |= {point.tobytes(): [found[2][k] for found in self.last[1]] for k, point in enumerate(x)}
         found = self.last[1]
         values, slopes = (np.stack([pair[k] for pair in found], axis=1) for k in (0, 1))
         sign = -1.0 if self.objective.greatest else 1.0
@@ -50,6 +52,12 @@ class Evaluator:
         for k, entry in enumerate(self.constraints, 1):
             values[:, k], slopes[:, k] = entry.violation(values[:, k]), entry.sign * slopes[:, k] / entry.scale
         return values, slopes
+
+    def check(self, x: np.ndarray) -> None:
+        """Raise `InputError` where a quantity must not be differentiated at a point that has been computed."""
+        quantities = [self.objective, *(entry.quantity for entry in self.constraints)]
+        for quantity, end in zip(quantities, self.ends[x.tobytes()], strict=True):
+            quantity.check(*self.space.apply(jnp.asarray(x)), end)
 
     def objective_of(self, values: np.ndarray) -> float:
         """The objective in SI."""
@@ -107,11 +115,9 @@ def tune(
     space = DesignSpace.of(vehicle, damper, parameters)
     name, run = _engine(optimiser, starts, tolerance, most_steps)
     points = start_points(space, starts, seed)
-    quantities = [objective, *(entry.quantity for entry in constraints)]
-    for quantity in quantities:
-        quantity.check(*space.apply(jnp.asarray(points[0])))
     evaluate = Evaluator(space, objective, constraints)
     first = evaluate.objective_of(evaluate(points)[0][0])
+    evaluate.check(points[0])
     evaluate.scale = abs(first) if np.isfinite(first) and first != 0.0 else 1.0
     descents = run(evaluate, points)
     best = _best(descents)
@@ -130,8 +136,7 @@ def tune(
         descents[best] = again
         tuned, kept, sharp = _judged(evaluate, vehicle, damper, again, constraints)
     x = descents[best].x
-    for quantity in quantities:
-        quantity.check(*space.apply(jnp.asarray(x)))
+    evaluate.check(x)
     values, own = np.asarray(space.values(jnp.asarray(x))).tolist(), space.own.tolist()
     return Tuning(
         *tuned,

@@ -153,6 +153,15 @@ def test_supercritical_gives_the_linear_critical_speed():
     assert float(railjax.nonlinear_critical_speed(tight)) == float(found.linear.speed)
 
 
+def test_bogies_that_hunt_at_two_frequencies():
+    """A soft secondary damper hardly couples the bogies: no limit cycle 2 % above the Hopf point, one of a single bogie below. Simulated
+    from a large disturbance in steps of 1 km/h, the coach hunts from 228 km/h on."""
+    found = railjax.nonlinear_critical(railjax.replace(load("coach"), secondary__damping_y=6e3))
+    assert Hunting(int(found.code)) == Hunting.OK
+    assert kmh(found.linear.speed) == pytest.approx(236.459, abs=1e-3)
+    assert kmh(found.speed) == pytest.approx(227.678, abs=1e-3)
+
+
 def test_no_nonlinear_critical_speed_is_said():
     wheelset = load("single-wheelset")
     stable = railjax.replace(wheelset, contact__conicity=1e-4)

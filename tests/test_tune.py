@@ -14,6 +14,7 @@ import railjax
 from railjax import objectives as aim
 from railjax.derivatives import differentiated
 from railjax.design_space import DesignSpace
+from railjax.paper_tuning import EIGHT
 from railjax.quantities import Quantity
 
 SPEED = 200 / 3.6
@@ -176,20 +177,24 @@ def compared(quantity, vehicle, bounds, damper=None, rtol=1e-5, step=1e-5):
     space = DesignSpace.of(vehicle, damper or railjax.PassiveDamper(), bounds)
     x, count = space.position(space.own), len(bounds)
     steps = step * np.concatenate([np.zeros((1, count)), np.eye(count), -np.eye(count)])
-    values, slopes = differentiated(quantity, space, x + steps)  # one compilation for all
+    values, slopes = differentiated(quantity, space, x + steps)
     assert np.all(np.isfinite(values))
     differences = (values[1 : count + 1] - values[count + 1 :]) / (2 * step)
     np.testing.assert_allclose(slopes[0], differences, rtol=rtol, atol=1e-6 * abs(values[0]))
     return values[0]
 
 
-def test_comfort_and_travel_are_those_of_the_frequency_response(coach):
-    comfort = compared(aim.comfort([50.0, SPEED]).suited(railjax.PassiveDamper()), coach, TWO)
-    each = [float(railjax.frequency_response(coach, speed).rms("carbody_acceleration", "Wd")) for speed in (50.0, SPEED)]
-    assert comfort == pytest.approx(np.sqrt(np.mean(np.square(each))), rel=1e-9)
-    travel = compared(aim.travel(SPEED).suited(railjax.PassiveDamper()), coach, TWO)
-    rms = railjax.frequency_response(coach, SPEED, record=("secondary_travel",)).rms("secondary_travel")
-    assert travel == pytest.approx(3.0 * float(jnp.max(rms)), rel=1e-9)
+def test_comfort_travel_and_force_are_those_of_the_frequency_response(coach):
+    passive, channels = railjax.PassiveDamper(), ("carbody_acceleration", "secondary_travel", "guiding_force")
+    one, other = (railjax.frequency_response(coach, speed, record=channels) for speed in (SPEED, 50.0))
+    comfort = compared(aim.comfort(SPEED).suited(passive), coach, TWO)
+    each = [float(response.rms("carbody_acceleration", "Wd")) for response in (one, other)]
+    assert comfort == pytest.approx(each[0], rel=1e-9)
+    both = aim.comfort([SPEED, 50.0]).suited(passive).value(coach, passive)
+    assert float(both) == pytest.approx(np.sqrt(np.mean(np.square(each))), rel=1e-9)
+    for quantity, channel in ((aim.travel(SPEED), "secondary_travel"), (aim.guiding_force(SPEED), "guiding_force")):
+        value = compared(quantity.suited(passive), coach, TWO)
+        assert value == pytest.approx(3.0 * float(jnp.max(one.rms(channel))), rel=1e-9)
 
 
 def test_eigenvalue_objectives(coach):
@@ -249,18 +254,6 @@ def test_a_run_that_hunts_is_not_differentiated(coach):
     comfort = aim.comfort(270 / 3.6, railjax.SinusoidTrack(5e-3, 20.0), weighting=None, duration=6.0, settle=4.0)
     with pytest.raises(railjax.InputError, match=r"hunting run is never differentiated.*nonlinear_critical_speed"):
         railjax.tune(coach, {"damper.alpha": (0.0, 1.5)}, comfort, damper=railjax.BalanceLogic(0.5))
-
-
-EIGHT = {
-    "primary.stiffness_x": (1e6, 10e6),
-    "primary.stiffness_y": (4e6, 20e6),
-    "primary.damping_x": (0.0, 20e3),
-    "primary.damping_y": (0.0, 20e3),
-    "secondary.stiffness_x": (60e3, 300e3),
-    "secondary.stiffness_y": (60e3, 300e3),
-    "secondary.damping_y": (5e3, 80e3),
-    "secondary.anti_roll_stiffness": (0.0, 2e6),
-}
 
 
 def test_eight_parameters_beat_random_search_and_are_feasible_sharp(coach):

@@ -8,10 +8,13 @@ import pytest
 
 import railjax
 from railjax import objectives as aim
+from railjax import paper_tuning
 from railjax.cli import status
 from railjax.derivatives import differentiated
 from railjax.design_space import DesignSpace
+from railjax.pareto import Front
 from railjax.schedule import bernstein
+from railjax.study import Context
 
 BOUNDS = {"primary.stiffness_x": (1e6, 20e6), "secondary.damping_y": (5e3, 100e3)}
 PASSIVE = railjax.PassiveDamper()
@@ -74,7 +77,7 @@ def test_bernstein_is_a_partition_of_unity():
     np.testing.assert_allclose(basis[[0, -1]], [[1, 0, 0, 0], [0, 0, 0, 1]], atol=1e-15)
 
 
-def test_gain_over_speed(coach):
+def test_gain_over_speed(coach, literal, monkeypatch):
     speeds, track = np.array([150.0, 220.0, 270.0]) / 3.6, railjax.SinusoidTrack(5e-3, 20.0)
     found = railjax.schedule_gain(coach, speeds, track, degree=1, duration=6.0, settle=4.0)
     grid = np.linspace(0.0, 1.5, 101)
@@ -94,6 +97,34 @@ def test_gain_over_speed(coach):
     assert found.best[:2].min() - 1e-3 <= found.constant <= found.best[:2].max() + 1e-3
     assert np.all(found.rms_scheduled[:2] < 0.5 * found.rms_passive[:2])
     assert found.at(speeds[0]) == pytest.approx(found.scheduled[0])
+
+    # the study of the report, in the same small size
+    monkeypatch.setattr(paper_tuning, "SPEEDS", speeds * 3.6)
+    monkeypatch.setattr(paper_tuning, "DURATION", 6.0)
+    monkeypatch.setattr(paper_tuning, "SETTLE", 4.0)
+    outcome = paper_tuning.gain_over_speed(Context(coach, literal))
+    assert outcome.quantities[0].computed == pytest.approx(found.constant, abs=0.02)
+    assert "270 km/h" in outcome.pictures[0].caption
+
+
+def front(objective, against):
+    """One by its points."""
+    nothing = {"parameters": {}, "met": np.ones(len(objective), bool), "own": (1.0, 50.0), "evaluations": 1, "seconds": 0.0}
+    return Front(
+        aim.comfort(50.0),
+        aim.linear_critical_speed(),
+        np.array(objective),
+        np.array(against),
+        vehicle_name="",
+        notes=(),
+        **nothing,
+    )
+
+
+def test_fronts_are_compared_where_both_are():
+    passive = front([1.0, 1.1, 1.5], [60.0, 70.0, 80.0])
+    assert paper_tuning.gains_over(front([0.5, 1.0], [50.0, 75.0]), passive) == pytest.approx([0.3, 0.2 / 1.1])
+    assert paper_tuning.gains_over(front([0.5, 1.5], [50.0, 70.0]), passive) == pytest.approx([0.0, -0.4 / 1.1])
 
 
 def test_describing_function_of_balance_logic(coach):
