@@ -18,7 +18,7 @@ from .deflections import join, layout
 from .errors import InputError
 from .integrate import STABLE_RADIUS, Plan, Run, fastest_rate, run
 from .kernels import one_kernel
-from .lanes import CHUNK, alone, count_lanes, each_lane, over_lanes, own_axes
+from .lanes import CHUNK, alone, by_device, count_lanes, each_lane, over_lanes, own_axes
 from .motion import PASSIVE, state_size
 from .speed_profile import Speed, SpeedProfile
 from .track import TangentTrack, Track, check_track
@@ -151,7 +151,9 @@ def simulate(
     bare = without_labels(vehicle)
     if isinstance(speed, SpeedProfile):
         speed = SpeedProfile(jnp.asarray(speed.time, float), jnp.asarray(speed.speed, float))
-    fastest = _fastest(bare, speed, damper, STABLE_RADIUS / dt)
+    trees = (bare, damper, speed, track, x, dt, settle)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+    fastest = _fastest(bare, speed, damper, STABLE_RADIUS / dt, spread=not traced)
     too_large = dt * fastest > STABLE_RADIUS
     if not isinstance(too_large, jax.core.Tracer) and too_large.ndim == 0 and bool(too_large):
         slowest = float(jnp.min(speed.speed if isinstance(speed, SpeedProfile) else speed))
@@ -161,8 +163,6 @@ def simulate(
             f"dt = {dt:g} s is too large for RK4 at {slowest:g} m/s, where creep damping grows as 1/v: "
             f"use dt <= {STABLE_RADIUS / float(fastest):.2g} s"
         )
-    trees = (bare, damper, speed, track, x, dt, settle)
-    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
     axes = _axes(*trees)
     lanes = _lanes(trees, axes)
     function = _run(plan)
@@ -217,15 +217,17 @@ def _one_run(plan: Plan) -> Callable[[tuple], tuple[Run, Array]]:
 CHECKED = 8
 
 
-@jax.jit
-def _fastest(vehicle: Vehicle, speed: Speed, damper: Damper, enough: Scalar) -> Array:
-    """Fastest rate of each lane, 1/s, at the lowest speed; loosely where it is surely below `enough`."""
+@functools.partial(jax.jit, static_argnames="spread")
+def _fastest(vehicle: Vehicle, speed: Speed, damper: Damper, enough: Scalar, spread: bool = False) -> Array:
+    """Fastest rate of each lane, 1/s, at the lowest speed; loosely where it is surely below `enough`. With `spread` on all devices."""
     slowest = jnp.min(speed.speed) if isinstance(speed, SpeedProfile) else speed
     trees = jax.tree.map(lambda leaf: jax.lax.stop_gradient(jnp.asarray(leaf, float)), (vehicle, slowest, damper, enough))
     axes = _rate_axes(*trees)
     lanes = count_lanes(trees, axes)
     if lanes is None:
         return alone(_fastest_of, _rate_axes, CHECKED, spread=False)(trees)
+    if spread:
+        return by_device(_fastest_of, trees, axes, CHECKED)
     return over_lanes(_fastest_of, trees, axes, lanes, CHECKED)
 
 
