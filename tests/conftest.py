@@ -31,3 +31,16 @@ def literal() -> railjax.Vehicle:
 @pytest.fixture(scope="session")
 def smooth(coach: railjax.Vehicle) -> railjax.Vehicle:
     return railjax.replace(coach, contact__law="smooth")
+
+
+@pytest.fixture
+def run(capsys):
+    """Runs the command line: exit status, standard output, standard error."""
+
+    from railjax.cli import status
+
+    def run_and_capture(*arguments):
+        code = status([str(argument) for argument in arguments])
+        return code, *capsys.readouterr()
+
+    return run_and_capture

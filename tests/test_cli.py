@@ -9,20 +9,8 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax.cli import status
 
 SHORT = ["simulate", "coach", "--duration-s", "0.1"]
-
-
-@pytest.fixture
-def run(capsys):
-    """Runs the command line: exit status, standard output, standard error."""
-
-    def run_and_capture(*arguments):
-        code = status([str(argument) for argument in arguments])
-        return code, *capsys.readouterr()
-
-    return run_and_capture
 
 
 @pytest.fixture

@@ -22,17 +22,6 @@ from railjax.vehicle import PARTS
 from railjax.vehicle_ranges import RANGES, Finding
 
 
-@pytest.fixture
-def run(capsys):
-    """Runs the command line: exit status, standard output, standard error."""
-
-    def run_and_capture(*arguments):
-        code = status([str(argument) for argument in arguments])
-        return code, *capsys.readouterr()
-
-    return run_and_capture
-
-
 def written(tmp_path, text, name="mine"):
     path = tmp_path / f"{name}.toml"
     path.write_text(text, encoding="utf-8")
