@@ -9,7 +9,6 @@ import pytest
 import railjax
 from railjax import objectives as aim
 from railjax import paper_tuning
-from railjax.cli import status
 from railjax.derivatives import differentiated
 from railjax.design_space import DesignSpace
 from railjax.pareto import Front
@@ -155,14 +154,6 @@ def test_pareto_front(coach):
         assert not np.any((comfort < objective * (1 - 1e-3)) & (speed > against * (1 + 1e-3)))
     assert "Pareto front" in str(front)
     assert front.to_xarray().sizes["point"] == 4
-
-
-@pytest.fixture
-def run(capsys):
-    def run_and_capture(*arguments):
-        return status([str(argument) for argument in arguments]), *capsys.readouterr()
-
-    return run_and_capture
 
 
 COMMAND = ("tune", "coach", "--parameter", "secondary.damping_y_kNs_per_m=5:100")
