@@ -8,6 +8,7 @@ import numpy as np
 import tuning_rivals as rivals
 
 import railjax
+from railjax.paper_tuning import gains_over, trade_off
 
 
 def test_gain(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> None:
@@ -53,3 +54,22 @@ def test_eight_parameters(benchmark: Any, note: Callable, coach: railjax.Vehicle
     evolution = results["differential evolution"]
     assert evolution["evaluations"] >= 50 * found.evaluations
     assert evolution["seconds"] >= 10.0 * seconds
+
+
+def test_fronts(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> None:
+    """Comfort against the nonlinear critical speed, 20 points without and 20 with control, compilation included."""
+    fronts = benchmark.pedantic(lambda: trade_off(coach), rounds=1)
+    passive, controlled = fronts["passive"], fronts["balance logic"]
+    gains = gains_over(controlled, passive)
+    for name, front in fronts.items():
+        note(
+            **{
+                f"{name}, evaluations": front.evaluations,
+                f"{name}, seconds": front.seconds,
+                f"{name}, points met": int(front.met.sum()),
+            }
+        )
+    note(seconds=benchmark.stats.stats.median, least_gain=float(gains.min()), largest_gain=float(gains.max()))
+    assert len(passive.objective) == len(controlled.objective) == 20
+    assert np.all(gains > -1e-3)
+    assert benchmark.stats.stats.median <= 180.0

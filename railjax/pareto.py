@@ -66,7 +66,9 @@ class Front:
         one, other = self.quantity, self.against_quantity
         colour = colour or COLOURS[0]
         x, y = self.against * other.factor, self.objective * one.factor
-        axes.plot(x[self.met], y[self.met], "o-", ms=3, color=colour, label=label or None)
+        order = np.argsort(self.against)
+        order = order[self.met[order]]
+        axes.plot(x[order], y[order], "o-", ms=3, color=colour, label=label or None)
         axes.plot(self.own[1] * other.factor, self.own[0] * one.factor, "x", color=colour, label=f"{label}, as it is".strip(", "))
         axes.set(xlabel=f"{other.name}, {other.unit}", ylabel=f"{one.name}, {one.unit}")
 
