@@ -9,6 +9,8 @@ from jaxtyping import install_import_hook
 # nearly all of the tests' time is compilation: workers, subprocesses and later runs share what one of them has compiled
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
+# JAX 0.10 warns on standard error that it may lack processor features which only its compiler knows by that name
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 install_import_hook("railjax", "beartype.beartype")
 
