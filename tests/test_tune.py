@@ -137,6 +137,8 @@ def test_optimisers_find_a_constrained_optimum(coach, optimiser):
     assert {entry.parameter for entry in found.vehicle.provenance if entry.status == "tuned"} == set(found.parameters)
     for piece in ("power", "met", "calibrated", "evaluations"):
         assert piece in str(found)
+    assert "doubtful" not in str(found)
+    assert "doubtful" in str(dataclasses.replace(found, objective_sharp=2.0 * found.objective))
 
 
 def test_failed_starts_are_marked_and_spoil_nothing(coach):
