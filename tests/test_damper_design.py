@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_cli import one_json_object, refused, run  # noqa: F401
+from test_cli import one_json_object, refused
 
 import railjax
 from railjax import damper_design, magnetic, paper_damper
