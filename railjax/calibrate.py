@@ -10,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .critical import Fold, Hunting, default_steps, default_wheelset, nonlinear_critical, search_fold
+from .critical import Hunting, default_steps, default_wheelset, nonlinear_critical
 from .dampers import Damper
 from .errors import InputError, NumericalError
+from .fold_search import Fold, search_fold
 from .linear import LinearCritical, Stability, linear_critical
 from .motion import PASSIVE
 from .orbits import (

@@ -1,9 +1,9 @@
 """Following a branch of limit cycles: where it can be entered, single steps along its tangent, and its folds.
 
-A branch is entered at the Hopf point, with the shape of the mode that loses its stability there, or above it, on the limit
-cycle to which the vehicle is drawn. Everything here poses the next `Problem` and judges its solution, and `orbits.solved` is
+A branch is entered at the Hopf point, with the shape of the mode that loses its stability there, or on a limit cycle to which the
+vehicle is drawn (`attractors`). Everything here poses the next `Problem` and judges its solution, and `orbits.solved` is
 called by who needs it: the bifurcation diagram (`hunting`), whose loop is Python's, and the search for the nonlinear critical
-speed (`critical`), whose loop is compiled.
+speed (`fold_search`), whose loop is compiled.
 """
 
 from typing import NamedTuple
@@ -12,19 +12,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .motion import state_matrix, wheelset_shape
+from .kernels import eig
+from .motion import state_matrix
 from .orbits import (
     BY_AMPLITUDE,
-    BY_SPEED,
     DISPLACEMENT,
-    SPEED,
     Model,
     Orbit,
     Point,
     Problem,
     Shooting,
     amplitude_index,
-    flow,
+    displacements,
     pack,
     plane,
     row_of,
@@ -39,8 +38,6 @@ STRAIGHT = 0.9
 CORNER = 4e-3
 #: longest step that may lead over a fold: a longer one can end on a neighbouring branch
 FOLD_STEP = 0.06
-#: periods of simulation before Newton; the slowest multiplier of the coach's stable limit cycles is about 0.97
-SETTLING = 60
 
 
 def hunting_mode(model: Model, shooting: Shooting, speed: Scalar) -> tuple[Float[Array, "states"], Float[Array, ""]]:
@@ -48,7 +45,7 @@ def hunting_mode(model: Model, shooting: Shooting, speed: Scalar) -> tuple[Float
 
     The shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there.
     """
-    values, vectors = jnp.linalg.eig(state_matrix(model.vehicle, speed, model.damper))
+    values, vectors = eig(state_matrix(model.vehicle, speed, model.damper))
     oscillating = values.imag > 1e-6 * jnp.max(jnp.abs(values))
     chosen = jnp.argmin(jnp.where(oscillating, -values.real, jnp.inf))
     vector = vectors[:, chosen]
@@ -63,42 +60,9 @@ def near_hopf(
     return Problem(guess, row_of(model, shooting, BY_AMPLITUDE), jnp.asarray(amplitude) / DISPLACEMENT)
 
 
-def settled(
-    model: Model,
-    shooting: Shooting,
-    state: Float[Array, "states"],
-    period: Scalar,
-    speed: Scalar,
-    periods: int | Int[Array, ""] = SETTLING,
-) -> Problem:
-    """The limit cycle to which the vehicle is drawn at a speed (m/s) from a state on, about whose period (s) is known.
-
-    The guess comes from a simulation of some periods, which brings the motion as near as Newton needs.
-    """
-    per_period = 2 * shooting.steps if shooting.symmetric else shooting.steps
-    orbit = Orbit(state, jnp.asarray(period), jnp.asarray(speed))
-
-    def one_period(x: Float[Array, "states"]) -> tuple[Float[Array, "states"], Float[Array, "steps states"]]:
-        return flow(model, orbit._replace(state=x), orbit.period, per_period)
-
-    x = jax.lax.fori_loop(0, periods, lambda _, x: one_period(x)[0], state)
-    # two periods of history: from the first turning point to the right on to the one to the left after it
-    _, states = jax.lax.scan(lambda x, _: one_period(x), x, length=2)
-    states = states.reshape((2 * per_period, -1))
-    index = jnp.arange(2 * per_period)
-    y = states[:, amplitude_index(model.vehicle, shooting.wheelset)]
-    right = jnp.argmax(jnp.where(index < per_period, y, -jnp.inf))
-    near = (index > right + 0.2 * per_period) & (index < right + 0.9 * per_period)
-    left = jnp.argmin(jnp.where(near, y, jnp.inf))
-    guess = pack(model, shooting, Orbit(states[right], 2.0 * (left - right) * orbit.period / per_period, orbit.speed))
-    return Problem(guess, row_of(model, shooting, BY_SPEED), orbit.speed / SPEED)
-
-
 def largest_displacement(model: Model, point: Point) -> Float[Array, ""]:
     """Largest lateral displacement of any wheelset at the instant of the point, m."""
-    first = amplitude_index(model.vehicle, 0)
-    bogies, axles = wheelset_shape(model.vehicle)
-    return jnp.max(jnp.abs(point.unknowns[first : first + bogies * axles])) * DISPLACEMENT
+    return jnp.max(jnp.abs(point.unknowns[displacements(model)])) * DISPLACEMENT
 
 
 class Walk(NamedTuple):

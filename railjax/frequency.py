@@ -23,6 +23,7 @@ from .channels import CHANNELS, check_channel
 from .dampers import Damper, check_damper
 from .deflections import wheelset_positions
 from .errors import InputError, NumericalError
+from .kernels import eig
 from .lanes import count_lanes, each_lane, own_axes
 from .motion import PASSIVE, Motion, linearised, state_rate, state_size, wheelset_shape
 from .precision import require_double_precision
@@ -242,7 +243,7 @@ def resolvent(
     One eigendecomposition serves all frequencies and both modes of differentiation (`custom_linear_solve`); a step of iterative
     refinement makes up for ill-conditioned eigenvectors.
     """
-    values, vectors = jnp.linalg.eig(jax.lax.stop_gradient(matrix))
+    values, vectors = eig(jax.lax.stop_gradient(matrix))
     inverse = jnp.linalg.inv(vectors)
     shifted = 1.0 / (1j * jax.lax.stop_gradient(omega) - values[:, None])
 

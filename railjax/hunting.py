@@ -16,11 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-from . import continuation, orbits
+from . import attractors, continuation, orbits
 from .continuation import MOST_TRIES, bracket, narrowed, orbit_between, resolved, stuck, walked
-from .critical import ENTRY, default_steps, default_wheelset
+from .critical import default_steps, default_wheelset
 from .dampers import Damper
 from .errors import InputError, NumericalError
+from .fold_search import search_fold
 from .linear import LinearCritical, Stability, linear_critical
 from .motion import PASSIVE, state_matrix
 from .normal_form import first_lyapunov_coefficient
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
 NEAR_HOPF, DOWN_TO, AT_HOPF = 0.1, 0.02, 1e-3
 #: longest step between two points of the diagram (1 mm or 10 m/s), and the most points that one piece may have
 LARGEST_STEP, MOST_POINTS = 0.25, 600
+#: where the branch has no fold it is entered this much above the linear critical speed
+ENTRY = 1.02
 #: largest difference of unknowns (1 mm, 50 mm/s, ...) between two computations of one fold
 SAME = 1e-2
 #: how far the diagram goes, in linear critical speeds
@@ -197,9 +200,9 @@ class Branch:
 
 _solved = jax.jit(orbits.solved, static_argnums=1)
 _next_orbit = jax.jit(continuation.next_orbit, static_argnums=1)
-_settled = jax.jit(continuation.settled, static_argnums=1)
-_near_hopf = jax.jit(continuation.near_hopf, static_argnums=1)
+_settled = jax.jit(attractors.settled, static_argnums=1)
 _mode = jax.jit(continuation.hunting_mode, static_argnums=1)
+_near_hopf = jax.jit(continuation.near_hopf, static_argnums=1)
 _walked, _bracket, _narrowed, _resolved, _between = map(jax.jit, (walked, bracket, narrowed, resolved, orbit_between))
 
 
@@ -303,36 +306,52 @@ class _Tracer:
     def pieces(self, highest: float) -> tuple[list[Point], list[Point], list[Point], str]:
         """Limit cycles from the Hopf point on, those that are not connected with it, the folds, and a note.
 
-        From above: the limit cycle to which the vehicle is drawn, up to the highest speed and down to its fold. From below: the
-        branch that leaves the Hopf point, up to its fold. Where the two are one and the same, so is the branch.
+        From above: the stable limit cycles from the lowest fold, the nonlinear critical speed, up to the highest speed; where there
+        is none, those to which the vehicle is drawn above the Hopf point. From below: the branch that leaves the Hopf point, up to
+        its fold. Where the two are one and the same, so is the branch.
         """
-        shape, omega = self.mode
-        start = shape * self.clearance, 2.0 * np.pi / omega, ENTRY * self.speed
-        entry = self._solve(_settled(self.model, self.shooting, *start))
-        if not bool(entry.usable):
-            raise NumericalError(
-                f"no limit cycle found at {ENTRY:g} times the linear critical speed: the motion there is not periodic within "
-                f"{continuation.SETTLING} periods"
-            )
-        upwards = entry._replace(direction=entry.direction * jnp.sign(entry.direction[-1]))
-        up = [entry]
-        for point, _ in self._follow(upwards):
-            up.append(point)
-            if np.asarray(point.unknowns)[-1] * SPEED > highest:
-                break
-        down, fold, at_hopf = self._to_fold(entry._replace(direction=-upwards.direction))
-        above = [*down[::-1], *up]
-        if at_hopf:
-            return above, [], [], ""
+        lowest = search_fold((self.model.vehicle, self.model.damper), self.hopf, self.shooting, None)
+        if not bool(lowest.found):
+            return self._without_fold(highest), [], [], ""
+        fold = lowest.point
+        above = [fold, *self._up_to(highest, self._growing(fold))]
         below, turns = self._from_hopf()
-        folds = [*turns, *([fold] if fold is not None else [])]
-        if turns and fold is not None and self._same(turns[-1], fold):
-            return [*below[:-1], *above], [], folds[:-2] + folds[-1:], ""
+        if turns and self._same(turns[-1], fold):
+            return [*below[:-1], *above], [], [*turns[:-1], fold], ""
         note = (
             "The branch from the Hopf point and that of the stable limit cycles are not connected directly: bogies that barely "
             "feel each other have neighbouring limit cycles in between, in which one hunts less than the other."
         )
-        return below, above, folds, note
+        return below, above, [*turns, fold], note
+
+    def _without_fold(self, highest: float) -> list[Point]:
+        """The limit cycle to which the vehicle is drawn above the Hopf point, down to that point and up to the highest speed."""
+        shape, omega = self.mode
+        entry = self._solve(_settled(self.model, self.shooting, shape * self.clearance, 2.0 * np.pi / omega, ENTRY * self.speed))
+        if not bool(entry.usable):
+            raise NumericalError(
+                f"no limit cycle found at {ENTRY:g} times the linear critical speed: the motion there is not periodic within "
+                f"{attractors.SETTLING} periods"
+            )
+        upwards = entry._replace(direction=entry.direction * jnp.sign(entry.direction[-1]))
+        up = self._up_to(highest, upwards)
+        return [*self._to_hopf(upwards._replace(direction=-upwards.direction))[::-1], entry, *up]
+
+    def _growing(self, fold: Point) -> Point:
+        """The fold in the direction in which the wheelset that moves most moves more: that of the stable limit cycles."""
+        moved = np.asarray(fold.unknowns)[orbits.displacements(self.model)]
+        most = np.argmax(np.abs(moved))
+        along = np.asarray(fold.direction)[orbits.displacements(self.model)][most] * moved[most]
+        return fold._replace(direction=fold.direction * np.sign(along))
+
+    def _up_to(self, highest: float, start: Point) -> list[Point]:
+        """Onwards to the highest speed (m/s)."""
+        points = []
+        for point, _ in self._follow(start):
+            points.append(point)
+            if np.asarray(point.unknowns)[-1] * SPEED > highest:
+                break
+        return points
 
     @staticmethod
     def _same(one: Point, other: Point) -> bool:
@@ -348,16 +367,14 @@ class _Tracer:
     def _solve(self, problem: Problem) -> Point:
         return _solved(self.model, self.shooting, problem)
 
-    def _to_fold(self, start: Point) -> tuple[list[Point], Point | None, bool]:
-        """Onwards to a fold or to small amplitudes: the points up to there, the fold, whether the Hopf point was met."""
+    def _to_hopf(self, start: Point) -> list[Point]:
+        """Onwards to small amplitudes."""
         points: list[Point] = []
-        for point, fold in self._follow(start):
-            if fold is not None:
-                return [*points, fold], fold, False
+        for point, _ in self._follow(start):
             points.append(point)
             if float(point.amplitude) < DOWN_TO * float(self.clearance):
-                return points, None, True
-        return points, None, False
+                break
+        return points
 
     def _from_hopf(self) -> tuple[list[Point], list[Point]]:
         """From near the Hopf point down to it as far as it goes, and up to the fold at its lowest speed; with all folds."""

@@ -25,6 +25,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 #: options for batches on CPU: full-width vectors (1.2 times faster; single runs are slower with them)
 WIDE = {"xla_cpu_prefer_vector_width": 512}
 
+#: eigenvalues with right, and with left and right eigenvectors: each a function of its own, because within one of some thousand
+#: operations XLA (JAX 0.12) loses what kind of call LAPACK's is and refuses it
+eig, eig_both = jax.jit(jnp.linalg.eig), jax.jit(jax.lax.linalg.eig)
+
 
 def keep_compiled(folder: str | Path | None = None) -> Path:
     """Keep what is compiled on disk, so that later processes need not compile it again; call it before anything is computed.

@@ -13,6 +13,7 @@ from .crossing import GROWN, Crossing, crossings, first_unproved, one_by_one
 from .dampers import Damper
 from .deflections import size
 from .errors import NumericalError
+from .kernels import eig_both
 from .lanes import by_device, count_lanes, each_lane, own_axes
 from .motion import PASSIVE, state_matrix, state_product
 from .precision import require_double_precision
@@ -199,7 +200,7 @@ def _robust(vehicle: Vehicle, damper: Damper, lowest: Scalar, highest: Scalar) -
     (low, high), _ = jax.lax.scan(halve, bracket, length=24)
     near = 0.5 * (low + high)
     matrix, by_speed = jax.jvp(lambda v: state_matrix(vehicle, v, damper), (near,), (jnp.ones_like(near),))
-    values, left, right = jax.lax.linalg.eig(matrix)
+    values, left, right = eig_both(matrix)
     critical = jnp.argmax(values.real)
     x, w = right[:, critical], jnp.conj(left[:, critical])
     w = w / (w @ x)

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from . import continuation, critical, linear, orbits
+from . import attractors, continuation, critical, linear, orbits
 from .channels import CHANNELS, check_channel
 from .dampers import Damper
 from .errors import InputError
@@ -263,7 +263,7 @@ class LimitCycleAmplitude(Quantity):
         speed = jnp.asarray(self.speed, float)
         shape, omega = continuation.hunting_mode(fixed, shooting, speed)
         start = shape * fixed.vehicle.contact.flange_clearance
-        problem = continuation.settled(fixed, shooting, start, 2.0 * jnp.pi / omega, speed)
+        problem = attractors.settled(fixed, shooting, start, 2.0 * jnp.pi / omega, speed)
         point = jax.lax.stop_gradient(orbits.solved(fixed, shooting, problem))
         equations = orbits.linearised(fixed, shooting, point.unknowns)
         bordered = jnp.vstack([equations.jacobian, orbits.row_of(fixed, shooting, orbits.BY_SPEED)])

@@ -110,6 +110,12 @@ def amplitude_index(vehicle: Vehicle, wheelset: int) -> int:
     raise AssertionError("every vehicle has wheelsets")
 
 
+def displacements(model: Model) -> slice:
+    """Where the lateral displacements of all wheelsets stand in the state."""
+    first = amplitude_index(model.vehicle, 0)
+    return slice(first, first + int(np.prod(wheelset_shape(model.vehicle))))
+
+
 def scales(model: Model) -> Float[np.ndarray, "states"]:
     """What counts as one for each state; the dampers' internal states like displacements unless the law says other."""
     n, states = size(model.vehicle), state_size(model.vehicle, model.damper)
