@@ -58,7 +58,7 @@ def test_eight_parameters(benchmark: Any, note: Callable, coach: railjax.Vehicle
 
 def test_fronts(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> None:
     """Comfort against the nonlinear critical speed, 20 points without and 20 with control, compilation included."""
-    fronts = benchmark.pedantic(lambda: trade_off(coach), rounds=1)
+    fronts = benchmark.pedantic(lambda: trade_off(coach, 20), rounds=1)
     passive, controlled = fronts["passive"], fronts["balance logic"]
     gains = gains_over(controlled, passive)
     for name, front in fronts.items():

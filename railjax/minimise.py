@@ -4,6 +4,7 @@ Both get values and exact derivatives from one function, `evaluate(x) -> (values
 (starts, 1 + constraints) with the objective first, slopes (starts, 1 + constraints, parameters). NaN marks what could not be computed.
 """
 
+import contextlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -18,6 +19,9 @@ Evaluate = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 MET = 1e-4
 #: how much worse than anything a point counts that could not be computed
 WORSE = 10.0
+#: evaluations in a row without a gain worth the tolerance that end a search: a quantity that jumps (a critical speed, where another
+#: family of limit cycles becomes the lowest) would have its line search go to and fro for ever
+STALLED = 20
 
 
 class Descent(NamedTuple):
@@ -30,11 +34,16 @@ class Descent(NamedTuple):
     failure: str
 
 
-class _Counted:
-    """One start's evaluations: the last is kept, all values are noted, and the best point so far."""
+class _Stalled(Exception):
+    """No gain for `STALLED` evaluations."""
 
-    def __init__(self, evaluate: Evaluate) -> None:
-        self.evaluate, self.history = evaluate, []
+
+class _Counted:
+    """One start's evaluations: the last is kept, all values are noted, and the best point so far. Raises `_Stalled`."""
+
+    def __init__(self, evaluate: Evaluate, tolerance: float) -> None:
+        self.evaluate, self.history, self.tolerance = evaluate, [], tolerance
+        self.gained = 0, None  # evaluations at the last gain, and the values then
         self.x: np.ndarray | None = None
         self.finite: tuple[np.ndarray, np.ndarray] | None = None
         self.best: tuple[np.ndarray, np.ndarray] | None = None
@@ -48,42 +57,52 @@ class _Counted:
                 self.finite = values, slopes
                 if self.best is None or better(values, self.best[1]):
                     self.best = x.copy(), values
+                    if self.gained[1] is None or _gain(values, self.gained[1]) > self.tolerance:
+                        self.gained = len(self.history), values
             elif self.finite is not None:
                 # a point that is worse than the last one, so that the step is made shorter
                 values, slopes = self.finite[0].copy(), self.finite[1]
                 values[0] += WORSE
             self.found = values, slopes
+            if len(self.history) - self.gained[0] >= STALLED:
+                raise _Stalled
         return self.found
 
 
 def better(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether values are preferable: both met, the lower objective; else the lower violation."""
+    return _gain(one, other) > 0.0
+
+
+def _gain(one: np.ndarray, other: np.ndarray) -> float:
+    """By how much values are preferable to others."""
     violations = [max(0.0, *values[1:]) if len(values) > 1 else 0.0 for values in (one, other)]
     if max(violations) <= MET:
-        return bool(one[0] < other[0])
-    return bool(violations[0] < violations[1])
+        return float(other[0] - one[0])
+    return float(violations[1] - violations[0])
 
 
 def slsqp(evaluate: Evaluate, start: np.ndarray, tolerance: float, most: int) -> Descent:
     """SciPy's SLSQP with exact derivatives from one start."""
     from scipy.optimize import minimize
 
-    at = _Counted(evaluate)
+    at = _Counted(evaluate, tolerance)
     first = at(start)[0]
     if at.best is None and len(first) > 1 and np.all(np.isfinite(first[1:])):
         start = _towards_constraints(at, start, most)
     if at.best is None:
         return Descent(start, first, len(at.history), np.array(at.history), "the start could not be computed")
     constraints = [] if len(first) == 1 else [{"type": "ineq", "fun": lambda x: -at(x)[0][1:], "jac": lambda x: -at(x)[1][1:]}]
-    minimize(
-        lambda x: at(x)[0][0],
-        start,
-        jac=lambda x: at(x)[1][0],
-        bounds=[(0.0, 1.0)] * len(start),
-        method="SLSQP",
-        constraints=constraints,
-        options={"ftol": tolerance, "maxiter": most},
-    )
+    with contextlib.suppress(_Stalled):
+        minimize(
+            lambda x: at(x)[0][0],
+            start,
+            jac=lambda x: at(x)[1][0],
+            bounds=[(0.0, 1.0)] * len(start),
+            method="SLSQP",
+            constraints=constraints,
+            options={"ftol": tolerance, "maxiter": most},
+        )
     return _ended(*at.best, np.array(at.history))
 
 
@@ -101,15 +120,16 @@ def _towards_constraints(at: _Counted, start: np.ndarray, most: int) -> np.ndarr
         if at.best is not None:
             raise StopIteration
 
-    minimize(
-        violation,
-        start,
-        jac=True,
-        bounds=[(0.0, 1.0)] * len(start),
-        method="L-BFGS-B",
-        callback=computed,
-        options={"maxiter": most},
-    )
+    with contextlib.suppress(_Stalled):
+        minimize(
+            violation,
+            start,
+            jac=True,
+            bounds=[(0.0, 1.0)] * len(start),
+            method="L-BFGS-B",
+            callback=computed,
+            options={"maxiter": most},
+        )
     return start if at.best is None else at.best[0]
 
 

@@ -30,7 +30,7 @@ TOLERANCE, MOST_STEPS = 1e-4, 30
 
 @dataclass(frozen=True)
 class Front:
-    """Points from the best `objective` (first) to the best `against` (last), SI.
+    """Points from the best `objective` (first) to the best `against` (last), SI; none is worse than another in both.
 
     `parameters` holds the values (points,) by name; `met` is False where a search ended off its limit; `evaluations` counts value
     and derivatives of both as one.
@@ -61,7 +61,7 @@ class Front:
 
     def plot(self, axes: "Axes", label: str = "", colour: str | None = None) -> None:
         """The front, objective upwards, and the vehicle as it is; `label` and `colour` of the curve."""
-        from .plots import COLOURS
+        from .plots import COLOURS, with_powers
 
         one, other = self.quantity, self.against_quantity
         colour = colour or COLOURS[0]
@@ -70,7 +70,7 @@ class Front:
         order = order[self.met[order]]
         axes.plot(x[order], y[order], "o-", ms=3, color=colour, label=label or None)
         axes.plot(self.own[1] * other.factor, self.own[0] * one.factor, "x", color=colour, label=f"{label}, as it is".strip(", "))
-        axes.set(xlabel=f"{other.name}, {other.unit}", ylabel=f"{one.name}, {one.unit}")
+        axes.set(xlabel=f"{other.name}, {with_powers(other.unit)}", ylabel=f"{one.name}, {with_powers(one.unit)}")
 
     def to_xarray(self) -> "xarray.Dataset":
         """Over the points."""
@@ -122,8 +122,10 @@ def pareto(
         count += found.evaluations
         return found
 
-    low = best(objective, list(constraints), start)
-    high = best(against, list(constraints), start)
+    constraints = list(constraints)
+    high = best(against, constraints, start)
+    # the best objective may be one of many: looked for from both sides
+    low = min((best(objective, constraints, x) for x in (start, high.x)), key=lambda end: (bool(end.failure), end.values[0]))
     ends = [float(evaluate.constraint_of(evaluate(end.x[None])[0][0], 0)) for end in (low, high)]
     count, failed = count + 3, [bool(low.failure)]
     found = [low.x]
@@ -147,6 +149,13 @@ def pareto(
         evaluate.check(x)
         rows.append((evaluate.objective_of(values), evaluate.constraint_of(values, 0), not missed, x))
     count += len(rows)
+    worse = dominated(
+        np.array([row[0] for row in rows]), np.array([row[1] for row in rows]), objective.greatest, against.greatest
+    )
+    notes = notes_of(vehicle, space)
+    if np.any(worse):
+        notes = (*notes, f"{np.sum(worse)} of {points} points were left out: another of the front is better in both")
+        rows = [row for row, out in zip(rows, worse, strict=True) if not out]
     values = np.array([np.asarray(space.values(jnp.asarray(row[3]))) for row in rows])
     return Front(
         objective,
@@ -159,5 +168,13 @@ def pareto(
         count,
         time.perf_counter() - began,
         vehicle.name,
-        notes_of(vehicle, space),
+        notes,
     )
+
+
+def dominated(
+    objective: Float[np.ndarray, "points"], against: Float[np.ndarray, "points"], most: bool, most_against: bool
+) -> Bool[np.ndarray, "points"]:
+    """Whether another point is better in both; `most`: the greatest objective (`against`) is the best."""
+    one, other = (-objective if most else objective), (-against if most_against else against)
+    return np.any((one < one[:, None]) & (other < other[:, None]), axis=1)

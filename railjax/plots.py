@@ -69,6 +69,11 @@ def histories(
     legend_above(axes)
 
 
+def with_powers(unit: str) -> str:
+    """A unit as figures write it: m/s² for m/s^2."""
+    return unit.replace("^2", "²")
+
+
 def legend_above(axes: "Axes", columns: int | None = None) -> None:
     """The legend outside, above the axes, where it hides nothing."""
     handles, _ = axes.get_legend_handles_labels()

@@ -104,7 +104,7 @@ class Tuning:
 
     def plot(self, axes: "Axes") -> None:
         """Objective over evaluations, one line per start; points that violate a constraint are hollow."""
-        from .plots import COLOURS
+        from .plots import COLOURS, with_powers
 
         factor = self.quantity.factor
         for k, descent in enumerate(self.descents):
@@ -116,7 +116,7 @@ class Tuning:
             axes.plot(numbers, values, color=colour, linewidth=0.8, label=label if k < len(COLOURS) else None)
             axes.plot(numbers[met], values[met], "o", color=colour, ms=3)
             axes.plot(numbers[~met], values[~met], "o", color=colour, ms=3, mfc="none")
-        axes.set(xlabel="evaluations", ylabel=f"{self.quantity.name}, {self.quantity.unit}")
+        axes.set(xlabel="evaluations", ylabel=f"{self.quantity.name}, {with_powers(self.quantity.unit)}")
         axes.legend()
 
     @property

@@ -11,7 +11,7 @@ from railjax import attractors, orbits
 from railjax.continuation import hunting_mode
 from railjax.critical import Hunting
 from railjax.linear import linear_critical
-from railjax.vehicle import set_parameter, without_labels
+from railjax.vehicle import without_labels
 
 #: a stiff, softly sprung coach with yaw dampers that the first search took for supercritical: its Hopf point is another mode's
 STIFF = {
@@ -25,9 +25,9 @@ STIFF = {
 
 @pytest.fixture(scope="module")
 def stiff(coach):
-    vehicle = dataclasses.replace(coach, yaw_damper=railjax.vehicle.YawDamper(1e3, half_distance=1.35))
+    vehicle = dataclasses.replace(coach, yaw_damper=railjax.YawDamper(1e3, half_distance=1.35))
     for path, value in STIFF.items():
-        vehicle = set_parameter(vehicle, path, value)
+        vehicle = railjax.set_parameter(vehicle, path, value)
     return vehicle
 
 

@@ -150,7 +150,7 @@ def test_study(coach, literal, tmp_path):
     assert "30.3152" in outcome.assumptions[-1]
 
 
-def test_command(run):  # noqa: F811
+def test_command(run):
     code, out, error = run("damper", "design")
     assert (code, error) == (0, "")
     for piece in ("wire diameter", "10.359 mm^2", "406.7", "316.191 N", "chosen to fit, not predicted", "assumed: "):
@@ -163,7 +163,7 @@ def test_command(run):  # noqa: F811
     assert content["design"]["layers"] == 3
 
 
-def test_command_with_other_inputs_leaves_the_paper_s_results_out(run):  # noqa: F811
+def test_command_with_other_inputs_leaves_the_paper_s_results_out(run):
     arguments = ["damper", "design", "--force-n", 6000, "--velocity-mm-per-s", 120, "--viscosity-pa-s", 0.1]
     out = run(*arguments)[1]
     assert "The inputs are not the paper's" in out
@@ -189,5 +189,5 @@ def test_command_with_other_inputs_leaves_the_paper_s_results_out(run):  # noqa:
         (["--force-n", "90000", "--json"], ["no device with full layers"], 1),
     ],
 )
-def test_command_refuses_in_one_line(run, arguments, pieces, code):  # noqa: F811
+def test_command_refuses_in_one_line(run, arguments, pieces, code):
     refused(run("damper", "design", *arguments), *pieces, code=code)

@@ -1,5 +1,6 @@
 """Robust tuning, gain over speed, Pareto fronts and `railjax tune`."""
 
+import dataclasses
 import json
 
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ from railjax import objectives as aim
 from railjax import paper_tuning
 from railjax.derivatives import differentiated
 from railjax.design_space import DesignSpace
-from railjax.pareto import Front
+from railjax.pareto import Front, dominated
 from railjax.schedule import bernstein
 from railjax.study import Context
 
@@ -124,6 +125,42 @@ def test_fronts_are_compared_where_both_are():
     passive = front([1.0, 1.1, 1.5], [60.0, 70.0, 80.0])
     assert paper_tuning.gains_over(front([0.5, 1.0], [50.0, 75.0]), passive) == pytest.approx([0.3, 0.2 / 1.1])
     assert paper_tuning.gains_over(front([0.5, 1.5], [50.0, 70.0]), passive) == pytest.approx([0.0, -0.4 / 1.1])
+
+
+def test_dominated_points():
+    objective, against = np.array([1.0, 2.0, 3.0, 3.0]), np.array([5.0, 4.0, 6.0, 6.0])
+    assert list(dominated(objective, against, most=False, most_against=True)) == [False, True, False, False]
+    assert list(dominated(-objective, -against, most=True, most_against=False)) == [False, True, False, False]
+
+
+def test_the_trade_off_of_the_report(coach, literal, monkeypatch):
+    """The study with the linear critical speed in place of the nonlinear one, whose fronts take a minute (benchmarks)."""
+    real, fronts = paper_tuning.trade_off, {}
+
+    def small(vehicle, points):
+        fronts.update(real(vehicle, 5, aim.linear_critical_speed(harmonic_hz=5.0)))
+        return fronts
+
+    monkeypatch.setattr(paper_tuning, "trade_off", small)
+    outcome = paper_tuning.stiffness_and_comfort(Context(coach, literal))
+    assert len(outcome.statements) == 2
+    assert "m/s²" in outcome.pictures[0].figure.axes[0].get_ylabel()
+    passive, controlled = fronts["passive"], fronts["balance logic"]
+    for front in fronts.values():
+        assert np.all(front.met)
+        assert np.all(np.diff(front.against) > 0.0)
+        assert np.all(np.diff(front.objective) > 0.0)
+    assert passive.own[1] == pytest.approx(float(railjax.linear_critical_speed(coach)), rel=0.02)  # 1 kN s/m of yaw damping
+    assert controlled.objective[0] < 0.7 * passive.objective[0]
+    assert str(round(float(passive.against[-1]) * 3.6)) in outcome.statements[0].numbers
+    # what a front says of its fastest design is so
+    fastest = coach
+    for path, values in passive.parameters.items():
+        if path != "yaw_damper.damping":
+            fastest = railjax.set_parameter(fastest, path, float(values[-1]))
+    yaw = railjax.YawDamper(float(passive.parameters["yaw_damper.damping"][-1]), half_distance=1.35)
+    speed = railjax.linear_critical_speed(dataclasses.replace(fastest, yaw_damper=yaw))
+    assert float(speed) == pytest.approx(passive.against[-1], rel=1e-4)
 
 
 def test_describing_function_of_balance_logic(coach):
