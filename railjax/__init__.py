@@ -22,11 +22,13 @@ from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_
 from .dampers import Damper, MaxwellDamper, PassiveDamper, Seen
 from .errors import InputError, NumericalError
 from .frequency import FrequencyResponse, frequency_response
-from .hunting import Branch, LimitCycle, hunting_branch
-from .identify import Identification, identify_damper
+from .hunting import hunting_branch
+from .identification import Identification
+from .identify import identify_damper
 from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
 from .kernels import jit, keep_compiled
 from .lanes import use_all_cores
+from .limit_cycles import Branch, LimitCycle
 from .linear import Stability, linear_critical, linear_critical_speed
 from .measured_track import MeasuredTrack
 from .modes import Modes, RootLocus, modes, root_locus

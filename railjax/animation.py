@@ -27,7 +27,7 @@ from .courses import (
 )
 from .dampers import Damper
 from .errors import InputError
-from .hunting import LimitCycle
+from .limit_cycles import LimitCycle
 from .modes import Modes
 from .motion import PASSIVE
 from .plots import COLOURS, STYLE, figure, legend_above

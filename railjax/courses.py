@@ -10,8 +10,8 @@ from jaxtyping import Float
 from .dampers import Damper
 from .deflections import layout, split, wheelset_positions
 from .errors import InputError, NumericalError
-from .hunting import LimitCycle
 from .integrate import largest_step
+from .limit_cycles import LimitCycle
 from .modes import Modes
 from .motion import PASSIVE, wheelset_shape
 from .simulate import Result, Simulation, simulate

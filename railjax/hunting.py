@@ -5,16 +5,12 @@ print(branch)
 branch.plot(axes)
 """
 
-import functools
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Complex, Float
 
 from . import attractors, continuation, orbits
 from .continuation import MOST_TRIES, bracket, narrowed, orbit_between, resolved, stuck, walked
@@ -22,19 +18,13 @@ from .critical import default_steps, default_wheelset
 from .dampers import Damper
 from .errors import InputError, NumericalError
 from .fold_search import search_fold
+from .limit_cycles import Branch, Event, LimitCycle, limit_cycle_at, solve
 from .linear import LinearCritical, Stability, linear_critical
 from .motion import PASSIVE, state_matrix
 from .normal_form import first_lyapunov_coefficient
-from .orbits import BY_SPEED, PERIOD, SPEED, Floquet, Model, Point, Problem, Shooting, floquet, multipliers_of, row_of
+from .orbits import PERIOD, SPEED, Model, Point, Problem, Shooting, floquet
 from .precision import require_double_precision
-from .units import KMH
 from .vehicle import Vehicle, without_labels
-
-if TYPE_CHECKING:
-    import xarray
-    from matplotlib.axes import Axes
-
-    from .ramp import Ramp
 
 #: share of the flange clearance at which the branch is entered from the Hopf point, to which it is followed down, and at which
 #: its first direction is taken
@@ -49,165 +39,11 @@ SAME = 1e-2
 HIGHEST = 1.25
 
 
-@dataclass(frozen=True)
-class LimitCycle:
-    """A periodic motion at one speed (m/s): amplitude of the wheelset (m), frequency (Hz), Floquet multipliers, state.
-
-    `state` is x where the wheelset turns, to start a simulation with; `residual` how far the orbit is from closing (1 mm,
-    50 mm/s); `floquet.error` is |mu_1 - 1|, the error bar of the multipliers.
-    """
-
-    speed: float
-    amplitude: float
-    frequency: float
-    floquet: Floquet
-    state: Float[np.ndarray, "states"]
-    residual: float
-    unknowns: Float[np.ndarray, "unknowns"]  # the orbit as one vector of numbers about one
-
-    @property
-    def stable(self) -> bool:
-        """Whether nearby motions come back to it."""
-        return self.floquet.stable
-
-    def __str__(self) -> str:
-        kind = "stable" if self.stable else "unstable"
-        return (
-            f"limit cycle at {self.speed * KMH:.3f} km/h: {self.amplitude * 1e3:.3f} mm, {self.frequency:.4f} Hz, {kind}, "
-            f"largest multiplier {self.floquet.largest:.4f} (error {self.floquet.error:.1e})"
-        )
-
-
-class Event(NamedTuple):
-    """Where the stability of the limit cycles changes along the branch: kind, speed (m/s) and amplitude (m)."""
-
-    kind: str
-    speed: float
-    amplitude: float
-
-
-@dataclass(frozen=True)
-class Branch:
-    """Limit cycles of a vehicle, in pieces that are each followed without a gap, from the Hopf point to the highest speed.
-
-    `folds` are solved for as such; the lowest is the nonlinear critical speed. `criticality` tells on which side of the Hopf
-    point limit cycles are: "subcritical" (below: a large disturbance makes the vehicle hunt before it is unstable) or
-    "supercritical". `slope_at_hopf` is dv/dA there, m/s per m: with the Vermeulen-Johnson law, whose force is not smooth at
-    zero creep, amplitude grows in proportion to the speed difference. For a smooth law `lyapunov` is the first Lyapunov
-    coefficient (see `normal_form`), else None. `note` says what is peculiar.
-    """
-
-    vehicle_name: str
-    hopf: LinearCritical
-    criticality: str
-    slope_at_hopf: float
-    lyapunov: float | None  # 1/s, of amplitudes scaled as `normal_form` says; None: the law is not smooth
-    pieces: tuple[tuple[LimitCycle, ...], ...]
-    folds: tuple[LimitCycle, ...]
-    events: tuple[Event, ...]
-    note: str
-    wheelset: int  # number from the front, whose displacement is the amplitude
-    model: Model
-    shooting: Shooting
-
-    @property
-    def points(self) -> list[LimitCycle]:
-        """All limit cycles, from the Hopf point on."""
-        return [point for piece in self.pieces for point in piece]
-
-    @property
-    def speed(self) -> Float[np.ndarray, "points"]:
-        """m/s."""
-        return np.array([point.speed for point in self.points])
-
-    @property
-    def amplitude(self) -> Float[np.ndarray, "points"]:
-        """m, of the wheelset's lateral displacement."""
-        return np.array([point.amplitude for point in self.points])
-
-    @property
-    def frequency(self) -> Float[np.ndarray, "points"]:
-        """Hz."""
-        return np.array([point.frequency for point in self.points])
-
-    @property
-    def multipliers(self) -> Complex[np.ndarray, "points states"]:
-        """Floquet multipliers of the whole period, the trivial one first."""
-        return np.array([point.floquet.multipliers for point in self.points])
-
-    @property
-    def stable(self) -> Bool[np.ndarray, "points"]:
-        """Whether nearby motions come back."""
-        return np.array([point.stable for point in self.points])
-
-    @property
-    def fold(self) -> LimitCycle | None:
-        """The lowest fold, the nonlinear critical speed; None where the branch has none (supercritical)."""
-        return min(self.folds, key=lambda point: point.speed, default=None)
-
-    def at(self, speed: float, stable: bool = True) -> LimitCycle:
-        """The limit cycle at a speed (m/s), solved for; `InputError` where the branch has none that is (un)stable there."""
-        for piece in self.pieces:
-            for one, other in itertools.pairwise(piece):
-                within = min(one.speed, other.speed) <= speed <= max(one.speed, other.speed)
-                if within and one.stable == stable and other.stable == stable:
-                    share = (speed - one.speed) / (other.speed - one.speed) if other.speed != one.speed else 0.0
-                    guess = one.unknowns + share * (other.unknowns - one.unknowns)
-                    problem = _by_speed(self.model, self.shooting, guess, speed)
-                    found = _solved(self.model, self.shooting, problem)
-                    if bool(found.usable):
-                        return _limit_cycle(self.model, self.shooting, found)
-        kind = "stable" if stable else "unstable"
-        raise InputError(f"the branch has no {kind} limit cycle at {speed * KMH:.2f} km/h")
-
-    def plot(self, axes: "Axes", ramp: "Ramp | None" = None) -> None:
-        """The diagram as engineers draw it: amplitude over km/h, stable solid, unstable dashed, jumps marked."""
-        from .plots import bifurcation
-
-        bifurcation(axes, self, ramp)
-
-    def to_xarray(self) -> "xarray.Dataset":
-        """A labelled dataset over the points."""
-        import xarray
-
-        largest = np.array([point.floquet.largest for point in self.points])
-        error = np.array([point.floquet.error for point in self.points])
-        piece = np.concatenate([np.full(len(part), k) for k, part in enumerate(self.pieces)])
-        columns = {
-            "speed": (self.speed, "m/s"),
-            "amplitude": (self.amplitude, "m"),
-            "frequency": (self.frequency, "Hz"),
-            "stable": (self.stable, "1"),
-            "largest_multiplier": (largest, "1"),
-            "trivial_multiplier_error": (error, "1"),
-            "piece": (piece, "1"),
-        }
-        variables = {name: ("point", values, {"units": unit}) for name, (values, unit) in columns.items()}
-        attributes = {"vehicle": self.vehicle_name, "criticality": self.criticality, "note": self.note}
-        return xarray.Dataset(variables, attrs=attributes)
-
-    def __str__(self) -> str:
-        low, high = self.speed.min() * KMH, self.speed.max() * KMH
-        lines = [
-            f"Hunting of {self.vehicle_name or 'a vehicle'}: {len(self.points)} limit cycles, {low:.1f} to {high:.1f} km/h",
-            f"  Hopf point: {float(self.hopf.speed) * KMH:.3f} km/h, {float(self.hopf.frequency):.3f} Hz, {self.criticality}",
-        ]
-        lines += [f"  fold: {fold}" for fold in self.folds]
-        lines += [f"  {kind}: {speed * KMH:.2f} km/h, {amplitude * 1e3:.2f} mm" for kind, speed, amplitude in self.events]
-        lines += [f"  {self.note}"] if self.note else []
-        return "\n".join(lines)
-
-
-_solved = jax.jit(orbits.solved, static_argnums=1)
 _next_orbit = jax.jit(continuation.next_orbit, static_argnums=1)
 _settled = jax.jit(attractors.settled, static_argnums=1)
 _mode = jax.jit(continuation.hunting_mode, static_argnums=1)
 _near_hopf = jax.jit(continuation.near_hopf, static_argnums=1)
 _walked, _bracket, _narrowed, _resolved, _between = map(jax.jit, (walked, bracket, narrowed, resolved, orbit_between))
-
-
-def _by_speed(model: Model, shooting: Shooting, guess: Float[np.ndarray, "unknowns"], speed: float) -> Problem:
-    return Problem(jnp.asarray(guess), row_of(model, shooting, BY_SPEED), jnp.asarray(speed / SPEED))
 
 
 def follow(
@@ -219,7 +55,7 @@ def follow(
     """
     walk = continuation.begun(start)
     while not bool(stuck(walk)):
-        ahead = _solved(model, shooting, _next_orbit(model, shooting, walk))
+        ahead = solve(model, shooting, _next_orbit(model, shooting, walk))
         here, walk = np.asarray(walk.point.unknowns), _walked(walk, ahead, largest_step)
         if np.array_equal(here, np.asarray(walk.point.unknowns)):
             continue  # the step was not kept
@@ -232,7 +68,7 @@ def _fold(model: Model, shooting: Shooting, low: Point, high: Point) -> Point | 
     while not bool(_resolved(ends)):
         if int(ends.tried) == MOST_TRIES:
             return None
-        ends = _narrowed(ends, _solved(model, shooting, _between(ends)))
+        ends = _narrowed(ends, solve(model, shooting, _between(ends)))
     return ends.best
 
 
@@ -274,7 +110,7 @@ def hunting_branch(
     tracer = _Tracer(model, shooting, hopf, largest_step)
     below, above, folds, note = tracer.pieces(highest)
     slope = tracer.slope_at_hopf()
-    cycles = {id(point): _limit_cycle(model, shooting, point) for point in (*below, *above, *folds)}
+    cycles = {id(point): limit_cycle_at(model, shooting, point) for point in (*below, *above, *folds)}
     pieces = tuple(tuple(cycles[id(point)] for point in piece) for piece in (below, above) if piece)
     pieces = ((tracer.hopf_point(), *pieces[0]), *pieces[1:])
     turning = tuple(cycles[id(fold)] for fold in folds)
@@ -365,7 +201,7 @@ class _Tracer:
             yield found
 
     def _solve(self, problem: Problem) -> Point:
-        return _solved(self.model, self.shooting, problem)
+        return solve(self.model, self.shooting, problem)
 
     def _to_hopf(self, start: Point) -> list[Point]:
         """Onwards to small amplitudes."""
@@ -421,30 +257,6 @@ class _Tracer:
         unknowns = np.append(np.zeros(states - 1), [period / PERIOD, float(self.speed) / SPEED])
         found = floquet(self.shooting, half)
         return LimitCycle(float(self.speed), 0.0, 1.0 / period, found, nothing, 0.0, unknowns)
-
-
-def _limit_cycle(model: Model, shooting: Shooting, point: Point) -> LimitCycle:
-    orbit, peak = _orbit_and_peak(model, shooting, point.unknowns)
-    return LimitCycle(
-        float(orbit.speed),
-        float(peak),
-        1.0 / float(orbit.period),
-        multipliers_of(shooting, np.asarray(point.monodromy)),
-        np.asarray(orbit.state),
-        float(point.residual),
-        np.asarray(point.unknowns),
-    )
-
-
-@functools.partial(jax.jit, static_argnums=1)
-def _orbit_and_peak(
-    model: Model, shooting: Shooting, unknowns: Float[Array, "unknowns"]
-) -> tuple[orbits.Orbit, Float[Array, ""]]:
-    """The orbit and the wheelset's largest displacement over its period, m: more than at the turning point where the wheelset
-    turns more than twice."""
-    orbit = orbits.unpack(model, shooting, unknowns)
-    y = orbits.history(model, shooting, orbit)[:, orbits.amplitude_index(model.vehicle, shooting.wheelset)]
-    return orbit, jnp.max(jnp.abs(y))
 
 
 def _events(piece: tuple[LimitCycle, ...], folds: tuple[LimitCycle, ...], symmetric: bool) -> Iterator[Event]:

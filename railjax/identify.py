@@ -1,15 +1,11 @@
 """Identification of a modified Bouc-Wen damper from a test record: many starts in one batch, Levenberg-Marquardt or Adam, a
 held-out part, standard errors; beside it the genetic approach that the paper suggests, on the same budget.
-
-A is not fitted: only the products α A and γ A, β A can be told from a force, as z has no scale of its own.
 """
 
-import dataclasses
 import functools
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -18,160 +14,29 @@ from jaxtyping import Array, Float
 
 from . import bouc_wen
 from .bouc_wen import BoucWen
+from .damper_fit import (
+    Choice,
+    Problem,
+    Scale,
+    Unknowns,
+    as_measured,
+    decode,
+    error_of,
+    problem_of,
+    residuals,
+    scale_of,
+    unknown_names,
+)
 from .errors import InputError, NumericalError
+from .identification import Evolution, Identification
 from .precision import require_double_precision
-from .record import Record, acceleration
-from .typing import Number, Scalar
+from .record import Record
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-Unknowns = Float[Array, "unknowns"]
-Samples = Float[np.ndarray, "samples"]
 Method = Literal["levenberg-marquardt", "adam"]
 VoltageLaw = Literal["saturating", "linear"]
 
-#: what one unknown at its scale costs, beside a cost of 1 per sample of residuals as large as the force: it only keeps those
-#: that the record does not determine from running away
-PRIOR = 1e-2
-
 #: residuals are correlated over tens of milliseconds; standard errors treat blocks of the record as independent, not samples
 BLOCKS = 60
-
-
-class Choice(NamedTuple):
-    """What is fitted; static."""
-
-    saturating: bool  # of the voltage law
-    inertia: bool
-    commanded: bool  # the record's command varies
-
-
-class Scale(NamedTuple):
-    """Where the unknowns are zero: a damper of about the record's size, and its highest voltage."""
-
-    reference: BoucWen
-    top: Number
-
-
-@dataclass(frozen=True)
-class Evolution:
-    """What SciPy's differential evolution made of the same budget of simulated records."""
-
-    fit_error: float
-    heldout_error: float
-    heldout_correlation: float
-    simulations: int
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Identification:
-    """A damper fitted to one record. `parameters` go into any damper that takes `BoucWen`.
-
-    Errors are rms(F_measured - F)/std(F_measured). `standard_errors` are by name; `correlations` is the matrix in the order of
-    `names`. `inertia` (kg) is that of the moving parts between damper and load cell: the test rig's, so no part of `parameters`.
-    `starts` are the fit errors that each start reached; `simulations` counts simulated records, each tangent as one.
-    """
-
-    parameters: BoucWen
-    inertia: float
-    names: tuple[str, ...]
-    standard_errors: dict[str, float]
-    correlations: Float[np.ndarray, "names names"]
-    fit_error: float  # relative
-    heldout_error: float  # relative
-    heldout_correlation: float  # dimensionless
-    published_heldout_error: float  # relative; of the published parameters, scaled to the record
-    starts: tuple[float, ...]
-    method: str
-    simulations: int
-    seconds: float  # s
-    record: Record = field(repr=False)
-    force: Samples = field(repr=False)  # of the fitted damper, N
-    fitted_samples: slice = field(repr=False)
-    evolution: Evolution | None = None
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Every parameter by name, `inertia` among them where it was fitted."""
-        own = {f.name: float(getattr(self.parameters, f.name)) for f in bouc_wen.leaves(self.parameters)}
-        return own | ({"inertia": self.inertia} if "inertia" in self.names else {})
-
-    @property
-    def warnings(self) -> list[str]:
-        """Parameters that the record leaves open, and pairs that it cannot tell apart."""
-        loose = [
-            f"{name}: standard error above half its value; the record hardly determines it"
-            for name, error in self.standard_errors.items()
-            if not error < 0.5 * abs(self.values[name])
-        ]
-        rows, columns = np.nonzero(np.triu(np.abs(self.correlations) > 0.95, 1))
-        pairs = [
-            f"{self.names[i]} and {self.names[j]}: correlation {self.correlations[i, j]:+.3f}"
-            for i, j in zip(rows, columns, strict=True)
-        ]
-        return loose + pairs
-
-    def to_json(self) -> dict[str, Any]:
-        """As `railjax damper identify --json` prints it."""
-        plain = {
-            key: getattr(self, key) for key in ("fit_error", "heldout_error", "heldout_correlation", "published_heldout_error")
-        }
-        return {
-            "parameters": self.values | {"n": float(self.parameters.n)},
-            **plain,
-            "standard_errors": self.standard_errors,
-            "correlations": {"names": list(self.names), "matrix": self.correlations.tolist()},
-            "warnings": self.warnings,
-            "fitted": FITTED.format(self.record.name),
-            "notes": list(self.record.notes),
-            "method": self.method,
-            "starts": list(self.starts),
-            "simulations": self.simulations,
-            "seconds": self.seconds,
-            "evolution": None if self.evolution is None else dataclasses.asdict(self.evolution),
-        }
-
-    def __str__(self) -> str:
-        units = {f.name: f.metadata["unit"] for f in bouc_wen.leaves(self.parameters)} | {"inertia": "kg"}
-        lines = [
-            FITTED.format(self.record.name),
-            f"error rms/std: fitted part {self.fit_error:.4f}, held-out part {self.heldout_error:.4f} "
-            f"(published parameters: {self.published_heldout_error:.4f}); held-out correlation {self.heldout_correlation:.4f}",
-            f"{self.method}, {len(self.starts)} starts that reached {min(self.starts):.4f} to {max(self.starts):.4f}; {self.seconds:.1f} s",
-        ]
-        for name, value in self.values.items():
-            error = self.standard_errors.get(name)
-            lines.append(
-                f"  {name:10s} {value:12.5g} " + ("  fixed " if error is None else f"± {error:<8.2g}") + f" {units[name]}"
-            )
-        lines += [f"  beware: {entry}" for entry in self.warnings]
-        if self.evolution is not None:
-            e = self.evolution
-            lines.append(
-                f"differential evolution with as many simulations ({e.simulations}): fitted part {e.fit_error:.4f}, held-out part "
-                f"{e.heldout_error:.4f}, correlation {e.heldout_correlation:.4f}; {e.seconds:.1f} s"
-            )
-        return "\n".join([*lines, *[f"note: {entry}" for entry in self.record.notes]])
-
-    def plot(self, axes: "Axes", residual: "Axes | None" = None, seconds: float = 1.0) -> None:
-        """Measured and fitted force over the first held-out seconds, and the whole residual where axes are given for it."""
-        time, force = self.record.time, self.record.force
-        begin = time[self.fitted_samples.stop - 1]
-        shown = (time > begin) & (time <= begin + seconds)
-        axes.plot(time[shown], 1e-3 * force[shown], color="0.35", label="measured")
-        axes.plot(time[shown], 1e-3 * self.force[shown], "--", label=f"fitted damper, held-out error {self.heldout_error:.3f}")
-        axes.set(xlabel="time, s", ylabel="force, kN", xlim=(time[shown][0], time[shown][-1]))
-        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
-        if residual is not None:
-            residual.plot(time, 1e-3 * (force - self.force), linewidth=0.5)
-            residual.axvline(begin, color="0.35", linestyle=":", label="held out from here")
-            residual.set(xlabel="time, s", ylabel="measured - fitted, kN", xlim=(0.0, time[-1]))
-            residual.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
-
-
-FITTED = "modified Bouc-Wen damper, fitted to this record ({}): fitted, not predicted; valid for its motions and voltages"
 
 
 def identify_damper(
@@ -215,7 +80,7 @@ def identify_damper(
     count = len(unknown_names(choice))
 
     thin = max(1, round(1e-3 / record.dt))
-    coarse = _problem(record.until(split).every(thin), choice, first // thin)
+    coarse = problem_of(record.until(split).every(thin), choice, first // thin)
     spread = 0.7 * np.random.default_rng(seed).standard_normal((starts, count))
     spread[0] = 0.0
     iterations = iterations or (30 if method == "levenberg-marquardt" else 300)
@@ -223,7 +88,7 @@ def identify_damper(
     errors = np.sqrt(np.where(np.isfinite(costs), costs, np.inf))
     if not np.isfinite(errors.min()):
         raise NumericalError("no start of the identification led to a finite force; check the units of the record")
-    fine = _problem(record.until(split), choice, first)
+    fine = problem_of(record.until(split), choice, first)
     best, polishing = ends[np.argmin(errors)], 0
     if thin > 1:
         best, polishing = _minimise("levenberg-marquardt", fine, choice, scale, best[None], POLISH)[0][0], POLISH
@@ -262,99 +127,6 @@ def identify_damper(
 
 #: iterations on the full record, from where the batch ended
 POLISH = 12
-
-
-def error_of(force: Samples, measured: Samples, part: slice) -> float:
-    """rms(F_measured - F)/std(F_measured) over a part of the record."""
-    return float(np.sqrt(np.mean((measured[part] - force[part]) ** 2)) / np.std(measured[part]))
-
-
-def scale_of(record: Record) -> Scale:
-    """The published damper scaled to the record: 1 kN and 0.1 m/s r.m.s. count as its own, and its 2.25 V as the top voltage."""
-    forces, speeds = float(np.std(record.force)) / 1e3, float(np.std(record.velocity)) / 0.1
-    top = float(np.max(record.command)) or 2.25
-    reference = bouc_wen.scaled(BoucWen(), force=forces, displacement=speeds)
-    per_volt = {name: getattr(reference, name) * 2.25 / top for name in ("c0b", "c1b", "alpha_b")}
-    return Scale(dataclasses.replace(reference, **per_volt), top)
-
-
-def unknown_names(choice: Choice) -> tuple[str, ...]:
-    """What the entries of the vector of unknowns stand for."""
-    positive = ["c0a", "c1a", "alpha_a", "k0", "k1", "beta+gamma"]
-    positive += ["c0 at top", "c1 at top", "alpha at top", "eta"] if choice.commanded else []
-    positive += ["saturation"] if choice.saturating else []
-    signed = ["offset force", "(beta-gamma)/(beta+gamma)"] + (["inertia"] if choice.inertia else [])
-    return (*positive, *signed)
-
-
-def decode(choice: Choice, scale: Scale, unknowns: Unknowns) -> tuple[BoucWen, Scalar]:
-    """The damper and the rig's inertia (kg) of a vector of unknowns, which is zero at the scaled published damper.
-
-    Positive quantities are exponentials of their unknown, (β - γ)/(β + γ) is the tanh of its. The offset force is k_1 x_0; inertia counts in c_0a times 1 ms.
-    """
-    r, names = scale.reference, unknown_names(choice)
-    q = dict(zip(names, unknowns, strict=True))
-
-    def grown(name: str, value: Scalar) -> Scalar:
-        return value * jnp.exp(q[name])
-
-    saturation = grown("saturation", scale.top) if choice.saturating else None
-    width = bouc_wen.effective(scale.top, saturation)
-    changes = {}
-    for own, base in (("c0", "c0"), ("c1", "c1"), ("alpha", "alpha_")):
-        rest = grown("alpha_a" if own == "alpha" else f"{own}a", getattr(r, f"{base}{'a'}"))
-        changes[f"{base}a"] = rest
-        top = getattr(r, f"{base}a") + getattr(r, f"{base}b") * scale.top
-        changes[f"{base}b"] = (grown(f"{own} at top", top) - rest) / width if choice.commanded else 0.0
-    stiffness = grown("k1", r.k1)
-    loop, shape = grown("beta+gamma", r.beta + r.gamma), jnp.tanh(q["(beta-gamma)/(beta+gamma)"])
-    changes |= {"k0": grown("k0", r.k0), "k1": stiffness, "saturation": saturation}
-    changes |= {"x0": r.k1 * r.x0 * (1.0 + q["offset force"]) / stiffness}
-    changes |= {"beta": 0.5 * loop * (1.0 + shape), "gamma": 0.5 * loop * (1.0 - shape)}
-    if choice.commanded:
-        changes["eta"] = grown("eta", r.eta)
-    return dataclasses.replace(r, **changes), q["inertia"] * 1e-3 * r.c0a if choice.inertia else jnp.zeros(())
-
-
-class Problem(NamedTuple):
-    """A record as JAX sees it."""
-
-    displacement: Array
-    velocity: Array
-    command: Array
-    force: Array
-    acceleration: Array
-    dt: Number
-    weight: Array  # 1/(std √samples) where residuals count, else 0
-
-
-def _problem(record: Record, choice: Choice, first: int) -> Problem:
-    weight = np.zeros(len(record))
-    weight[first:] = 1.0 / ((np.std(record.force[first:]) or 1.0) * np.sqrt(len(record) - first))
-    rates = acceleration(record) if choice.inertia else np.zeros(len(record))
-    columns = (record.displacement, record.velocity, record.command, record.force, rates)
-    return Problem(*map(jnp.asarray, columns), record.dt, jnp.asarray(weight))
-
-
-def simulated(problem: Problem, damper: BoucWen, mass: Scalar) -> Float[Array, "samples"]:
-    """F of eqs. (12)-(17) over the record's motion and the inertia force beside it, N."""
-    force = bouc_wen.response(damper, problem.displacement, problem.velocity, problem.command, problem.dt)
-    return force + mass * problem.acceleration
-
-
-_simulate_once = jax.jit(simulated)
-
-
-def as_measured(record: Record, damper: BoucWen, inertia: Scalar = 0.0) -> Samples:
-    """Force of a damper over a record's motion, N: also to score parameters found elsewhere."""
-    return np.asarray(_simulate_once(_problem(record, Choice(False, True, True), 0), damper, inertia))
-
-
-def residuals(problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns) -> Float[Array, "residuals"]:
-    """What is minimised: the squares add up to the squared error of the fitted part, and next to nothing for the prior."""
-    damper, mass = decode(choice, scale, unknowns)
-    error = (simulated(problem, damper, mass) - problem.force) * problem.weight
-    return jnp.concatenate([error, PRIOR * unknowns / jnp.sqrt(jnp.sum(problem.weight > 0))])
 
 
 def _minimise(

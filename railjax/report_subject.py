@@ -6,7 +6,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .errors import NumericalError
-from .hunting import Branch, hunting_branch
+from .hunting import hunting_branch
+from .limit_cycles import Branch
 from .linear import HIGHEST, LinearCritical, Stability, linear_critical, linear_critical_speed
 from .report_page import figure, svg_uri
 from .units import KMH

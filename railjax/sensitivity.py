@@ -8,7 +8,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from .hunting import Branch, _solved
+from .limit_cycles import Branch, solve
 from .orbits import BY_AMPLITUDE, Model, Point, Problem, Shooting, implicit_speed, plane, row_of
 from .units import KMH
 from .vehicle import Vehicle, get_parameter, parameters
@@ -56,7 +56,7 @@ def fold_gradient(branch: Branch) -> Vehicle:
     here = jnp.asarray(fold.unknowns)
     problem = Problem(here, row_of(model, shooting, BY_AMPLITUDE), plane(model, shooting, here)[0])
     flat, vehicle_of = ravel_pytree(model.vehicle)
-    return vehicle_of(_by_parameters(flat, model, _solved(model, shooting, problem), shooting))
+    return vehicle_of(_by_parameters(flat, model, solve(model, shooting, problem), shooting))
 
 
 def _by_parameters(flat: Float[Array, "numbers"], model: Model, point: Point, shooting: Shooting) -> Float[np.ndarray, "numbers"]:

@@ -8,7 +8,7 @@ import pytest
 import railjax
 from railjax import orbits
 from railjax.cli import status
-from railjax.hunting import Branch
+from railjax.limit_cycles import Branch
 from railjax.orbits import Model, Orbit, Shooting
 from railjax.units import KMH
 from railjax.vehicle import without_labels

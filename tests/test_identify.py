@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 import railjax
-from railjax import bouc_wen, identify
+from railjax import bouc_wen, damper_fit, identify
 from railjax.bouc_wen import BoucWen
 from railjax.cli import status
 from railjax.record import Record, read_record
@@ -66,7 +66,7 @@ def test_scores(found, record):
     assert found.heldout_error == pytest.approx(np.sqrt(np.mean((held - found.force[split:]) ** 2)) / np.std(held), rel=1e-9)
     assert found.heldout_correlation == pytest.approx(np.corrcoef(held, found.force[split:])[0, 1], rel=1e-9)
     assert found.fitted_samples == slice(1000, split)
-    again = identify.as_measured(record, found.parameters, found.inertia)
+    again = damper_fit.as_measured(record, found.parameters, found.inertia)
     np.testing.assert_allclose(again, found.force, rtol=1e-6, atol=1e-3)
 
 
@@ -116,9 +116,9 @@ def test_the_fitted_damper_goes_into_the_suspension(found, coach):
 def test_derivatives_of_the_residuals(record, law, inertia):
     """What Levenberg-Marquardt steps with, against central differences of the simulated record."""
     short = record.until(600)
-    choice = identify.Choice(law == "saturating", inertia, True)
-    problem, scale = identify._problem(short, choice, 100), identify.scale_of(record)
-    count = len(identify.unknown_names(choice))
+    choice = damper_fit.Choice(law == "saturating", inertia, True)
+    problem, scale = damper_fit.problem_of(short, choice, 100), damper_fit.scale_of(record)
+    count = len(damper_fit.unknown_names(choice))
     here = jnp.asarray(0.2 * np.random.default_rng(2).standard_normal(count))
     own = jax.jit(identify._with_jacobian(problem, choice, scale))
     forward = jax.jit(jax.jacfwd(own))(here)
@@ -128,13 +128,13 @@ def test_derivatives_of_the_residuals(record, law, inertia):
 
 
 def test_decode_starts_at_the_published_damper(record):
-    choice, scale = identify.Choice(False, False, True), identify.scale_of(record)
-    damper, mass = identify.decode(choice, scale, jnp.zeros(len(identify.unknown_names(choice))))
+    choice, scale = damper_fit.Choice(False, False, True), damper_fit.scale_of(record)
+    damper, mass = damper_fit.decode(choice, scale, jnp.zeros(len(damper_fit.unknown_names(choice))))
     assert float(mass) == 0.0
     for field in bouc_wen.leaves(damper):
         assert float(getattr(damper, field.name)) == pytest.approx(getattr(scale.reference, field.name), rel=1e-9)
-    wild = jnp.asarray(np.random.default_rng(5).normal(0, 3, len(identify.unknown_names(choice))))
-    damper, _ = identify.decode(choice, scale, wild)
+    wild = jnp.asarray(np.random.default_rng(5).normal(0, 3, len(damper_fit.unknown_names(choice))))
+    damper, _ = damper_fit.decode(choice, scale, wild)
     for volts in (0.0, float(scale.top)):
         assert all(float(value) > 0 for value in bouc_wen.by_voltage(damper, volts))
     for name in ("k0", "k1", "beta", "gamma", "eta"):
@@ -151,7 +151,7 @@ def test_adam_leads_there_too(record):
 def test_a_record_without_command(record):
     """Nothing that the voltage decides is fitted."""
     steady = dataclasses.replace(record.until(2500), command=np.zeros(2500))
-    force = identify.as_measured(steady, BoucWen(c0a=2500.0, alpha_a=2e4))
+    force = damper_fit.as_measured(steady, BoucWen(c0a=2500.0, alpha_a=2e4))
     found = railjax.identify_damper(dataclasses.replace(steady, force=force), starts=1, inertia=False, iterations=10, settle=0.3)
     assert not set(found.names) & {"c0b", "c1b", "alpha_b", "eta", "saturation"}
     assert found.heldout_error < 0.05
@@ -230,8 +230,8 @@ def test_the_real_record():
     columns = {"time": "t", "displacement": "D", "velocity": "V", "command": "Y", "force": "F"}
     units = {"displacement": "cm", "velocity": "cm/s"}
     real = read_record(os.environ["RAILJAX_DAMPER_RECORD"], columns=columns, units=units)
-    published = identify.as_measured(real, BoucWen())
-    assert identify.error_of(published, real.force, slice(3000, None)) == pytest.approx(0.237, abs=0.005)
+    published = damper_fit.as_measured(real, BoucWen())
+    assert damper_fit.error_of(published, real.force, slice(3000, None)) == pytest.approx(0.237, abs=0.005)
     fitted = railjax.identify_damper(real)
     assert fitted.heldout_error < 0.15
     assert fitted.heldout_correlation > 0.985

@@ -1,0 +1,203 @@
+"""Limit cycles over speed, and the branch that they form: what `hunting_branch` finds; it prints and plots itself."""
+
+import functools
+import itertools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float
+
+from . import orbits
+from .errors import InputError
+from .linear import LinearCritical
+from .orbits import BY_SPEED, SPEED, Floquet, Model, Point, Problem, Shooting, multipliers_of, row_of
+from .units import KMH
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.axes import Axes
+
+    from .ramp import Ramp
+
+
+@dataclass(frozen=True)
+class LimitCycle:
+    """A periodic motion at one speed (m/s): amplitude of the wheelset (m), frequency (Hz), Floquet multipliers, state.
+
+    `state` is x where the wheelset turns, to start a simulation with; `residual` how far the orbit is from closing (1 mm,
+    50 mm/s); `floquet.error` is |mu_1 - 1|, the error bar of the multipliers.
+    """
+
+    speed: float
+    amplitude: float
+    frequency: float
+    floquet: Floquet
+    state: Float[np.ndarray, "states"]
+    residual: float
+    unknowns: Float[np.ndarray, "unknowns"]  # the orbit as one vector of numbers about one
+
+    @property
+    def stable(self) -> bool:
+        """Whether nearby motions come back to it."""
+        return self.floquet.stable
+
+    def __str__(self) -> str:
+        kind = "stable" if self.stable else "unstable"
+        return (
+            f"limit cycle at {self.speed * KMH:.3f} km/h: {self.amplitude * 1e3:.3f} mm, {self.frequency:.4f} Hz, {kind}, "
+            f"largest multiplier {self.floquet.largest:.4f} (error {self.floquet.error:.1e})"
+        )
+
+
+class Event(NamedTuple):
+    """Where the stability of the limit cycles changes along the branch: kind, speed (m/s) and amplitude (m)."""
+
+    kind: str
+    speed: float
+    amplitude: float
+
+
+@dataclass(frozen=True)
+class Branch:
+    """Limit cycles of a vehicle, in pieces that are each followed without a gap, from the Hopf point to the highest speed.
+
+    `folds` are solved for as such; the lowest is the nonlinear critical speed. `criticality` tells on which side of the Hopf
+    point limit cycles are: "subcritical" (below: a large disturbance makes the vehicle hunt before it is unstable) or
+    "supercritical". `slope_at_hopf` is dv/dA there, m/s per m: with the Vermeulen-Johnson law, whose force is not smooth at
+    zero creep, amplitude grows in proportion to the speed difference. For a smooth law `lyapunov` is the first Lyapunov
+    coefficient (see `normal_form`), else None. `note` says what is peculiar.
+    """
+
+    vehicle_name: str
+    hopf: LinearCritical
+    criticality: str
+    slope_at_hopf: float
+    lyapunov: float | None  # 1/s, of amplitudes scaled as `normal_form` says; None: the law is not smooth
+    pieces: tuple[tuple[LimitCycle, ...], ...]
+    folds: tuple[LimitCycle, ...]
+    events: tuple[Event, ...]
+    note: str
+    wheelset: int  # number from the front, whose displacement is the amplitude
+    model: Model
+    shooting: Shooting
+
+    @property
+    def points(self) -> list[LimitCycle]:
+        """All limit cycles, from the Hopf point on."""
+        return [point for piece in self.pieces for point in piece]
+
+    @property
+    def speed(self) -> Float[np.ndarray, "points"]:
+        """m/s."""
+        return np.array([point.speed for point in self.points])
+
+    @property
+    def amplitude(self) -> Float[np.ndarray, "points"]:
+        """m, of the wheelset's lateral displacement."""
+        return np.array([point.amplitude for point in self.points])
+
+    @property
+    def frequency(self) -> Float[np.ndarray, "points"]:
+        """Hz."""
+        return np.array([point.frequency for point in self.points])
+
+    @property
+    def multipliers(self) -> Complex[np.ndarray, "points states"]:
+        """Floquet multipliers of the whole period, the trivial one first."""
+        return np.array([point.floquet.multipliers for point in self.points])
+
+    @property
+    def stable(self) -> Bool[np.ndarray, "points"]:
+        """Whether nearby motions come back."""
+        return np.array([point.stable for point in self.points])
+
+    @property
+    def fold(self) -> LimitCycle | None:
+        """The lowest fold, the nonlinear critical speed; None where the branch has none (supercritical)."""
+        return min(self.folds, key=lambda point: point.speed, default=None)
+
+    def at(self, speed: float, stable: bool = True) -> LimitCycle:
+        """The limit cycle at a speed (m/s), solved for; `InputError` where the branch has none that is (un)stable there."""
+        for piece in self.pieces:
+            for one, other in itertools.pairwise(piece):
+                within = min(one.speed, other.speed) <= speed <= max(one.speed, other.speed)
+                if within and one.stable == stable and other.stable == stable:
+                    share = (speed - one.speed) / (other.speed - one.speed) if other.speed != one.speed else 0.0
+                    guess = one.unknowns + share * (other.unknowns - one.unknowns)
+                    problem = by_speed(self.model, self.shooting, guess, speed)
+                    found = solve(self.model, self.shooting, problem)
+                    if bool(found.usable):
+                        return limit_cycle_at(self.model, self.shooting, found)
+        kind = "stable" if stable else "unstable"
+        raise InputError(f"the branch has no {kind} limit cycle at {speed * KMH:.2f} km/h")
+
+    def plot(self, axes: "Axes", ramp: "Ramp | None" = None) -> None:
+        """The diagram as engineers draw it: amplitude over km/h, stable solid, unstable dashed, jumps marked."""
+        from .plots import bifurcation
+
+        bifurcation(axes, self, ramp)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """A labelled dataset over the points."""
+        import xarray
+
+        largest = np.array([point.floquet.largest for point in self.points])
+        error = np.array([point.floquet.error for point in self.points])
+        piece = np.concatenate([np.full(len(part), k) for k, part in enumerate(self.pieces)])
+        columns = {
+            "speed": (self.speed, "m/s"),
+            "amplitude": (self.amplitude, "m"),
+            "frequency": (self.frequency, "Hz"),
+            "stable": (self.stable, "1"),
+            "largest_multiplier": (largest, "1"),
+            "trivial_multiplier_error": (error, "1"),
+            "piece": (piece, "1"),
+        }
+        variables = {name: ("point", values, {"units": unit}) for name, (values, unit) in columns.items()}
+        attributes = {"vehicle": self.vehicle_name, "criticality": self.criticality, "note": self.note}
+        return xarray.Dataset(variables, attrs=attributes)
+
+    def __str__(self) -> str:
+        low, high = self.speed.min() * KMH, self.speed.max() * KMH
+        lines = [
+            f"Hunting of {self.vehicle_name or 'a vehicle'}: {len(self.points)} limit cycles, {low:.1f} to {high:.1f} km/h",
+            f"  Hopf point: {float(self.hopf.speed) * KMH:.3f} km/h, {float(self.hopf.frequency):.3f} Hz, {self.criticality}",
+        ]
+        lines += [f"  fold: {fold}" for fold in self.folds]
+        lines += [f"  {kind}: {speed * KMH:.2f} km/h, {amplitude * 1e3:.2f} mm" for kind, speed, amplitude in self.events]
+        lines += [f"  {self.note}"] if self.note else []
+        return "\n".join(lines)
+
+
+solve = jax.jit(orbits.solved, static_argnums=1)
+
+
+def by_speed(model: Model, shooting: Shooting, guess: Float[np.ndarray, "unknowns"], speed: float) -> Problem:
+    return Problem(jnp.asarray(guess), row_of(model, shooting, BY_SPEED), jnp.asarray(speed / SPEED))
+
+
+def limit_cycle_at(model: Model, shooting: Shooting, point: Point) -> LimitCycle:
+    orbit, peak = _orbit_and_peak(model, shooting, point.unknowns)
+    return LimitCycle(
+        float(orbit.speed),
+        float(peak),
+        1.0 / float(orbit.period),
+        multipliers_of(shooting, np.asarray(point.monodromy)),
+        np.asarray(orbit.state),
+        float(point.residual),
+        np.asarray(point.unknowns),
+    )
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _orbit_and_peak(
+    model: Model, shooting: Shooting, unknowns: Float[Array, "unknowns"]
+) -> tuple[orbits.Orbit, Float[Array, ""]]:
+    """The orbit and the wheelset's largest displacement over its period, m: more than at the turning point where the wheelset
+    turns more than twice."""
+    orbit = orbits.unpack(model, shooting, unknowns)
+    y = orbits.history(model, shooting, orbit)[:, orbits.amplitude_index(model.vehicle, shooting.wheelset)]
+    return orbit, jnp.max(jnp.abs(y))
