@@ -64,7 +64,7 @@ class _Counted:
                 values, slopes = self.finite[0].copy(), self.finite[1]
                 values[0] += WORSE
             self.found = values, slopes
-            if len(self.history) - self.gained[0] >= STALLED:
+            if self.best is not None and len(self.history) - self.gained[0] >= STALLED:
                 raise _Stalled
         return self.found
 

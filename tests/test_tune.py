@@ -11,6 +11,7 @@ import optax
 import pytest
 
 import railjax
+from railjax import minimise
 from railjax import objectives as aim
 from railjax.derivatives import differentiated
 from railjax.design_space import DesignSpace
@@ -274,3 +275,22 @@ def test_eight_parameters_beat_random_search_and_are_feasible_sharp(coach):
     space = found.space
     sampled = differentiated(dataclasses.replace(aim.comfort(SPEED), method="frequency"), space, points)[0]
     assert found.objective < np.nanmin(sampled)
+
+
+def test_a_search_that_goes_to_and_fro_is_ended():
+    """A constraint that jumps, as a critical speed does where another family of limit cycles becomes the lowest."""
+
+    def evaluate(x):
+        ((a, b),) = x
+        met = 0.6 - 0.5 * (a + b) + (0.008553112 if a > 0.4581792391687 else 0.0)
+        return np.array([[a * a + 0.885326964 * b * b + 0.3 * a, met]]), np.array(
+            [[[2 * a + 0.3, 1.770653928 * b], [-0.5, -0.5]]]
+        )
+
+    found = minimise.slsqp(evaluate, np.array([0.3, 0.4]), 1e-4, 30)
+    assert found.evaluations <= 2 * minimise.STALLED  # 166 else
+    assert not found.failure
+    # the best of the side that costs less, by a fine grid
+    a, b = np.meshgrid(*[np.linspace(0, 1, 2001)] * 2)
+    met = 0.6 - 0.5 * (a + b) + np.where(a > 0.4581792391687, 0.008553112, 0.0) <= 1e-9
+    assert found.values[0] <= np.min((a * a + 0.885326964 * b * b + 0.3 * a)[met]) + 1e-3
