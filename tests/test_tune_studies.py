@@ -138,7 +138,7 @@ def test_the_trade_off_of_the_report(coach, literal, monkeypatch):
     real, fronts = paper_tuning.trade_off, {}
 
     def small(vehicle, points):
-        fronts.update(real(vehicle, 5, aim.linear_critical_speed(harmonic_hz=5.0)))
+        fronts.update(real(vehicle, 3, aim.linear_critical_speed(harmonic_hz=5.0)))
         return fronts
 
     monkeypatch.setattr(paper_tuning, "trade_off", small)
