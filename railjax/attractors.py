@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .deflections import labels
 from .integrate import BURST, Plan, largest_divisor, run
 from .motion import state_size, wheelset_shape
-from .orbits import BY_SPEED, SPEED, Model, Orbit, Problem, Shooting, amplitude_index, displacements, pack, row_of
+from .orbits import Model, Orbit, Problem, Shooting, amplitude_index, at_speed, displacements, pack
 from .track import TangentTrack
 from .typing import Scalar
 
@@ -114,7 +114,7 @@ def _one_swing(y: Float[Array, "samples"]) -> tuple[Float[Array, "samples"], Flo
 def settled(model: Model, shooting: Shooting, state: Float[Array, "states"], period: Scalar, speed: Scalar) -> Problem:
     """The limit cycle to which the vehicle is drawn at a speed (m/s) from a state on, about whose period (s) is known."""
     found = drawn(model, shooting, state[None], period, jnp.asarray(speed)[None])
-    return Problem(found.guesses[0], row_of(model, shooting, BY_SPEED), jnp.asarray(speed) / SPEED)
+    return at_speed(model, shooting, found.guesses[0], speed)
 
 
 def patterns(model: Model, state: Float[Array, "states"], displacement: Scalar) -> Float[Array, "patterns states"]:

@@ -46,7 +46,8 @@ from .orbits import (
 )
 from .typing import Scalar
 
-#: shares of the linear critical speed at which motions are tried first, and of a fold's speed at which they are tried below it
+#: shares of the linear critical speed at which motions are tried first, and of a fold's speed at which they are tried below it:
+#: as many of the ones as of the others, for one loop
 ABOUT_HOPF = (0.6, 0.75, 0.85, 0.9, 0.95, 0.99, 1.02)
 BELOW_FOLD = (0.8, 0.87, 0.93, 0.97, 0.99, 0.998, 0.9995)
 #: displacement, in clearances, with which motions begin, and below which they are taken to have died out

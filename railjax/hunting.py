@@ -38,7 +38,6 @@ SAME = 1e-2
 #: how far the diagram goes, in linear critical speeds
 HIGHEST = 1.25
 
-
 _next_orbit = jax.jit(continuation.next_orbit, static_argnums=1)
 _settled = jax.jit(attractors.settled, static_argnums=1)
 _mode = jax.jit(continuation.hunting_mode, static_argnums=1)
@@ -147,21 +146,26 @@ class _Tracer:
         its fold. Where the two are one and the same, so is the branch.
         """
         lowest = search_fold((self.model.vehicle, self.model.damper), self.hopf, self.shooting, None)
-        if not bool(lowest.found):
-            return self._without_fold(highest), [], [], ""
-        fold = lowest.point
-        above = [fold, *self._up_to(highest, self._growing(fold))]
+        if bool(lowest.found):
+            folds = [lowest.point]
+            above = [lowest.point, *self._up_to(highest, self._growing(lowest.point))]
+        else:
+            folds = []
+            above = self._without_fold(highest)
+            if self._small(above[0]):
+                return above, [], [], ""
         below, turns = self._from_hopf()
-        if turns and self._same(turns[-1], fold):
-            return [*below[:-1], *above], [], [*turns[:-1], fold], ""
+        if turns and folds and self._same(turns[-1], folds[0]):
+            return [*below[:-1], *above], [], [*turns[:-1], *folds], ""
         note = (
             "The branch from the Hopf point and that of the stable limit cycles are not connected directly: bogies that barely "
             "feel each other have neighbouring limit cycles in between, in which one hunts less than the other."
         )
-        return below, above, [*turns, fold], note
+        return below, above, [*turns, *folds], note
 
     def _without_fold(self, highest: float) -> list[Point]:
-        """The limit cycle to which the vehicle is drawn above the Hopf point, down to that point and up to the highest speed."""
+        """The limit cycle to which the vehicle is drawn above the Hopf point, down to that point if it leads there, and up to the
+        highest speed."""
         shape, omega = self.mode
         entry = self._solve(_settled(self.model, self.shooting, shape * self.clearance, 2.0 * np.pi / omega, ENTRY * self.speed))
         if not bool(entry.usable):
@@ -208,9 +212,12 @@ class _Tracer:
         points: list[Point] = []
         for point, _ in self._follow(start):
             points.append(point)
-            if float(point.amplitude) < DOWN_TO * float(self.clearance):
+            if self._small(point):
                 break
         return points
+
+    def _small(self, point: Point) -> bool:
+        return float(point.amplitude) < DOWN_TO * float(self.clearance)
 
     def _from_hopf(self) -> tuple[list[Point], list[Point]]:
         """From near the Hopf point down to it as far as it goes, and up to the fold at its lowest speed; with all folds."""
@@ -220,7 +227,7 @@ class _Tracer:
         below = []
         for point, _ in self._follow(start._replace(direction=-start.direction)):
             # the branch turns before it meets the Hopf point where another mode is near
-            if float(point.amplitude) < DOWN_TO * float(self.clearance) or self._rises(point):
+            if self._small(point) or self._rises(point):
                 break
             below.append(point)
         points, turns, before = [*below[::-1], start], [], start

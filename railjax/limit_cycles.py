@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from . import orbits
 from .errors import InputError
 from .linear import LinearCritical
-from .orbits import BY_SPEED, SPEED, Floquet, Model, Point, Problem, Shooting, multipliers_of, row_of
+from .orbits import Floquet, Model, Point, Shooting, multipliers_of
 from .units import KMH
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ class Branch:
                 if within and one.stable == stable and other.stable == stable:
                     share = (speed - one.speed) / (other.speed - one.speed) if other.speed != one.speed else 0.0
                     guess = one.unknowns + share * (other.unknowns - one.unknowns)
-                    problem = by_speed(self.model, self.shooting, guess, speed)
+                    problem = orbits.at_speed(self.model, self.shooting, jnp.asarray(guess), speed)
                     found = solve(self.model, self.shooting, problem)
                     if bool(found.usable):
                         return limit_cycle_at(self.model, self.shooting, found)
@@ -175,11 +175,8 @@ class Branch:
 solve = jax.jit(orbits.solved, static_argnums=1)
 
 
-def by_speed(model: Model, shooting: Shooting, guess: Float[np.ndarray, "unknowns"], speed: float) -> Problem:
-    return Problem(jnp.asarray(guess), row_of(model, shooting, BY_SPEED), jnp.asarray(speed / SPEED))
-
-
 def limit_cycle_at(model: Model, shooting: Shooting, point: Point) -> LimitCycle:
+    """The limit cycle of a point on its branch, with multipliers and its largest displacement."""
     orbit, peak = _orbit_and_peak(model, shooting, point.unknowns)
     return LimitCycle(
         float(orbit.speed),

@@ -264,6 +264,11 @@ def row_of(model: Model, shooting: Shooting, direction: tuple[float, float]) -> 
 BY_AMPLITUDE, BY_SPEED = (1.0, 0.0), (0.0, 1.0)
 
 
+def at_speed(model: Model, shooting: Shooting, guess: Float[Array, "unknowns"], speed: Scalar) -> Problem:
+    """The orbit near a packed `guess` that exists at a speed (m/s)."""
+    return Problem(guess, row_of(model, shooting, BY_SPEED), jnp.asarray(speed) / SPEED)
+
+
 def history(model: Model, shooting: Shooting, orbit: Orbit) -> Float[Array, "steps states"]:
     """States of the orbit at the start of every step of the half (or whole) period."""
     duration = 0.5 * orbit.period if shooting.symmetric else orbit.period

@@ -122,7 +122,6 @@ def pareto(
         count += found.evaluations
         return found
 
-    constraints = list(constraints)
     high = best(against, constraints, start)
     # the best objective may be one of many: looked for from both sides
     low = min((best(objective, constraints, x) for x in (start, high.x)), key=lambda end: (bool(end.failure), end.values[0]))
