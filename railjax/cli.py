@@ -1,5 +1,6 @@
 """The command line `railjax`: exit status 0, 1 (numerical failure) or 2 (bad input, one line), never a traceback."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,6 +34,9 @@ from .cli_sweep import sweep
 from .cli_tune import tune
 from .cli_vehicles import check, vehicles_app
 from .errors import InputError, NumericalError
+
+
+INTERRUPTED = 130  # exit status after Ctrl-C, as shells give it
 
 
 class Stopped(Exception):
@@ -73,7 +77,13 @@ app.command()(sweep)
 
 def main() -> None:
     """Run the command line and exit with its status."""
-    sys.exit(status(sys.argv[1:]))
+    code = status(sys.argv[1:])
+    if code == INTERRUPTED:
+        # at once: XLA may still be compiling on its threads, and an interpreter that is taken down under them can crash or hang
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def status(arguments: list[str]) -> int:
@@ -86,7 +96,7 @@ def status(arguments: list[str]) -> int:
     except NumericalError as error:
         return _fail(str(error), 1)
     except (Stopped, typer.Abort) as stop:
-        return _fail(str(stop) or "stopped", 130)
+        return _fail(str(stop) or "stopped", INTERRUPTED)
     except typer.Exit as stop:
         return stop.exit_code
     except Exception as error:
