@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .dampers import Damper
 from .deflections import layout, size
-from .integrate import Inputs, rk4
+from .integrate import rk4_in_loop
 from .motion import motion, state_rate, state_size, wheelset_shape
 from .typing import Scalar
 from .vehicle import Vehicle
@@ -153,14 +153,14 @@ def unpack(model: Model, shooting: Shooting, unknowns: Float[Array, "unknowns"])
 
 def flow(model: Model, orbit: Orbit, duration: Scalar, steps: int) -> tuple[State, Float[Array, "steps states"]]:
     """The state after `duration` of straight running on even track, and the states at the start of every step."""
-    even = Inputs(jnp.zeros(wheelset_shape(model.vehicle), orbit.state.dtype), None)
+    even = jnp.zeros(wheelset_shape(model.vehicle), orbit.state.dtype)
     slowness = 1.0 / orbit.speed
 
-    def rate(now: Inputs, x: State) -> State:
-        return state_rate(model.vehicle, motion(model.vehicle, model.damper, slowness, now.alignment, x))
+    def rate(x: State) -> State:
+        return state_rate(model.vehicle, motion(model.vehicle, model.damper, slowness, even, x))
 
     def step(x: State, _: None) -> tuple[State, State]:
-        return rk4(rate, x, rate(even, x), duration / steps, even, even), x
+        return rk4_in_loop(rate, x, duration / steps), x
 
     return jax.lax.scan(step, orbit.state, length=steps)
 

@@ -9,7 +9,7 @@ import scipy.integrate
 import scipy.linalg
 
 import railjax
-from railjax.integrate import STABLE_RADIUS, fastest_rate, largest_step
+from railjax.integrate import STABLE_RADIUS, Inputs, fastest_rate, largest_step, rk4, rk4_in_loop
 from railjax.motion import PASSIVE
 from railjax.simulate import initial_state
 
@@ -86,6 +86,15 @@ def test_fastest_rate_is_the_spectral_radius_from_above(coach):
         both = [np.asarray(railjax.state_matrix(coach, speed, flange=flange)) for flange in (False, True)]
         radius = max(np.abs(np.linalg.eigvals(matrix)).max() for matrix in both)
         assert radius <= float(fastest_rate(coach, speed, PASSIVE)) <= 1.01 * radius
+
+
+def test_the_step_in_a_loop_is_the_other_one():
+    def pendulum(x):
+        return jnp.stack([x[1], -jnp.sin(x[0])])
+
+    x, dt, still = jnp.array([1.2, -0.3]), 0.2, Inputs(jnp.zeros(()), None)
+    expected = rk4(lambda _, x: pendulum(x), x, pendulum(x), dt, still, still)
+    np.testing.assert_allclose(rk4_in_loop(pendulum, x, dt), expected, rtol=1e-15)
 
 
 def test_stable_radius_is_that_of_rk4():
