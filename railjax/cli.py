@@ -35,7 +35,6 @@ from .cli_tune import tune
 from .cli_vehicles import check, vehicles_app
 from .errors import InputError, NumericalError
 
-
 INTERRUPTED = 130  # exit status after Ctrl-C, as shells give it
 
 
