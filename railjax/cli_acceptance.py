@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from .cli_common import Alpha, AsJson, DamperName, TrackName, TrackSeed, VehicleName, calibrated, finite, load, show, working
-from .cli_simulate import make_damper, make_track
+from .cli_inputs import make_damper, make_track
+from .cli_out import OutJson, check_out
 from .errors import InputError, NumericalError
 
 
@@ -26,6 +27,7 @@ def acceptance(
     prudhomme_factor: Annotated[float, typer.Option(help="α of the limit α (10 kN + P/3); 0.85 for wagons.")] = 1.0,
     hunting_frequency_hz: Annotated[float | None, typer.Option(help="f0 in Hz (default: from the spectrum of SumY).")] = None,
     dt_s: Annotated[float, typer.Option(help="Step of RK4 in s.")] = 1e-3,
+    out: OutJson = None,
     as_json: AsJson = False,
 ) -> None:
     """Running safety, ride and stability in the manner of UIC 518 / EN 14363, as far as lateral dynamics gives them.
@@ -48,6 +50,7 @@ def acceptance(
     finite(length_m=length_m, section_m=section_m, prudhomme_factor=prudhomme_factor, dt_s=dt_s)
     finite(hunting_frequency_hz=hunting_frequency_hz)
     finite(positive=False, alpha=alpha)
+    check_out(out)
     every = math.floor(1.0 / (SAMPLING * dt_s) + 1e-9)
     if every < 1:
         raise InputError(f"--dt-s must be {1.0 / SAMPLING:g} or less, for a sampling rate of {SAMPLING:g} Hz")
@@ -96,4 +99,4 @@ def acceptance(
     )
     content = {**found.to_dict(), "track": str(line).splitlines()[0], "damper": damper, "calibrated": calibrated(loaded)}
     place = f"track: {content['track']}; damper: {damper}"
-    show(content, [str(found), place, *[f"calibrated, not predicted: {entry}" for entry in content["calibrated"]]], as_json)
+    show(content, [str(found), place, *[f"calibrated, not predicted: {entry}" for entry in content["calibrated"]]], as_json, out)

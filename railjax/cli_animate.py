@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
-from .cli_simulate import DAMPERS, make_damper, make_track
+from .cli_inputs import DAMPERS, make_damper, make_track
 from .errors import InputError
 
 

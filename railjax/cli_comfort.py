@@ -20,7 +20,8 @@ from .cli_common import (
     show,
     working,
 )
-from .cli_simulate import make_damper, make_track
+from .cli_inputs import make_damper, make_track
+from .cli_out import PICTURES, as_picture, check_out, out_option
 from .errors import InputError, NumericalError
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ def comfort(
     mean_comfort: Annotated[bool, typer.Option(help="N_MV as well, which needs 100 s.")] = True,
     sperling_exponent: Annotated[float, typer.Option(help="Sperling's exponent: 1/6.67, or 0.15.")] = 1.0 / 6.67,
     sperling_power: Annotated[float, typer.Option(help="Power by which its bands add: 6.67, or 10.")] = 6.67,
+    out: Annotated[Path | None, out_option("the result, drawn or whole,", *PICTURES)] = None,
     as_json: AsJson = False,
 ) -> None:
     """Ride comfort: EN 12299 (mean and continuous comfort), ISO 2631-1 (r.m.s., MTVV, VDV), Sperling.
@@ -81,6 +83,7 @@ def comfort(
     finite(fs=fs, speed_kmh=speed_kmh, wavelength_m=wavelength_m, duration_s=duration_s, dt_s=dt_s)
     finite(sperling_exponent=sperling_exponent, sperling_power=sperling_power)
     finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha)
+    check_out(out, *PICTURES)
     from . import MeasuredTrack
     from .comfort import comfort as judge
     from .deflections import CARBODY_TO_FLOOR
@@ -114,7 +117,8 @@ def comfort(
         content = {"vehicle": loaded.name, "speed_kmh": speed_kmh, "damper": damper}
     content |= found.as_dict()
     content["notes"] = [*content["notes"], *notes]
-    show(content, [str(found), *(f"  note: {note}" for note in notes)], as_json)
+    drawn = as_picture(lambda axes: found.plot(axes[0, 0], axes[1, 0]), rows=2, height=2.9)
+    show(content, [str(found), *(f"  note: {note}" for note in notes)], as_json, out, drawn)
 
 
 def _read(path: Path, fs: float | None, columns: str | None, unit: str | None) -> tuple[dict[str, Any], float, list[str]]:

@@ -3,12 +3,14 @@
 import contextlib
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from .cli_simulate import DAMPERS, WITH_ALPHA
+from .cli_inputs import DAMPERS, WITH_ALPHA
+from .cli_out import JSON, Writer, write_out
 from .errors import InputError
 
 
@@ -81,11 +83,16 @@ def calibrated(vehicle: Any) -> list[str]:
     return [f"{p.parameter}: {p.note}" for p in vehicle.provenance if p.status == "calibrated"]
 
 
-def show(content: dict[str, Any], lines: list[str], as_json: bool) -> None:
-    """Print the content as one JSON object, or the lines."""
+def show(
+    content: dict[str, Any], lines: list[str], as_json: bool, out: Path | None = None, forms: Mapping[str, Writer] | None = None
+) -> None:
+    """Print the content as one JSON object, or the lines; write it to the file of `--out`, too, in one of the forms or as that object."""
     from .report import without_nan
 
-    print(json.dumps(without_nan(content), allow_nan=False) if as_json else "\n".join(lines))
+    text = json.dumps(without_nan(content), allow_nan=False)
+    write_out(out, {JSON: lambda out: out.write_text(text + "\n", encoding="utf-8"), **(forms or {})})
+    if as_json or lines:
+        print(text if as_json else "\n".join(lines))
 
 
 def finite(positive: bool = True, **options: float | None) -> None:

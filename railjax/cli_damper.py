@@ -1,11 +1,12 @@
 """`railjax damper ...`: verbs about the hybrid damper, each in a function of its own."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from .cli_common import AsJson, completing, finite, prepare, show, working
+from .cli_out import PICTURES, OutJson, as_picture, check_out, out_option
 from .errors import InputError
 
 damper_app = typer.Typer(help="The hybrid magnetorheological damper: its design, its model.", no_args_is_help=True)
@@ -33,6 +34,7 @@ def damper_design(
     yield_stress_kpa: Annotated[float, typer.Option(help="Yield stress of the MR fluid at that field in kPa.")] = 44.1,
     viscosity_pa_s: Annotated[float, typer.Option(help="Viscosity of the MR fluid in Pa s.")] = 0.25,
     iron_limit_t: Annotated[float, typer.Option(help="Flux density allowed in the iron in T (assumed).")] = 1.5,
+    out: OutJson = None,
     as_json: AsJson = False,
 ) -> None:
     """Design of the hybrid damper: the pilot's hydraulics, the MR device given, and the MR device that meets the force best.
@@ -41,7 +43,8 @@ def damper_design(
 
     Example: railjax damper design --force-n 6000
     """
-    options = {name: value for name, value in locals().items() if name != "as_json"}
+    options = {name: value for name, value in locals().items() if name not in ("as_json", "out")}
+    check_out(out)
     finite(**options)
 
     from .damper_design import Requirements, design_hybrid
@@ -84,7 +87,7 @@ def damper_design(
     remark = [] if same else ["The inputs are not the paper's, so its results are left out."]
     head = f"{'':54s} {'paper':>8s} {'railjax':>9s}"
     text = [head, *lines(given, given=True), "", *lines(computed), "", *remark, *[f"assumed: {entry}" for entry in ASSUMED]]
-    show(content, text, as_json)
+    show(content, text, as_json, out)
 
 
 LAWS, METHODS = ("saturating", "linear"), ("levenberg-marquardt", "adam")
@@ -121,7 +124,7 @@ def damper_identify(
     settle_s: Annotated[float, typer.Option(help="Seconds at the start that are not scored.")] = 1.0,
     evolution: Annotated[bool, typer.Option(help="Compare with differential evolution on the same budget.")] = True,
     seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="Write fit and residual to this .png file.")] = None,
+    out: Annotated[Path | None, out_option("fit and residual, drawn, or the result", *PICTURES)] = None,
     as_json: AsJson = False,
 ) -> None:
     """Parameters of a modified Bouc-Wen damper from a test record, with standard errors, scored on a held-out part.
@@ -136,10 +139,7 @@ def damper_identify(
             raise InputError(f"--{name} must be one of {', '.join(known)}, not {value!r}")
     finite(sample_rate=sample_rate)
     finite(positive=False, fit_share=fit_share, settle_s=settle_s)
-    if out is not None and out.suffix != ".png":
-        raise InputError(f"--out {out}: the name must end in .png")
-    if out is not None and not out.parent.is_dir():
-        raise InputError(f"--out {out}: cannot be written (there is no folder {out.parent})")
+    check_out(out, *PICTURES)
 
     from .identify import identify_damper
     from .record import read_record
@@ -165,17 +165,5 @@ def damper_identify(
             evolution=evolution,
             seed=seed,
         )
-    if out is not None:
-        _draw(found, out)
-    show(found.to_json(), [str(found)], as_json)
-
-
-def _draw(found: Any, out: Path) -> None:
-    from .plots import figure
-
-    with figure(rows=2, height=2.7) as (page, axes):
-        found.plot(axes[0, 0], residual=axes[1, 0])
-        try:
-            page.savefig(out)
-        except OSError as error:
-            raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
+    drawn = as_picture(lambda axes: found.plot(axes[0, 0], residual=axes[1, 0]), rows=2, height=2.7)
+    show(found.to_json(), [str(found)], as_json, out, drawn)

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from .cli_common import AsJson, VehicleName, calibrated, finite, load, show, working
-from .errors import InputError
+from .cli_out import PICTURES, TABLE, as_picture, as_table, check_out, out_option
 
 
 def hunting(
@@ -19,7 +19,7 @@ def hunting(
     ] = None,
     steps: Annotated[int | None, typer.Option(help="RK4 steps in half a period (default: as many as needed).")] = None,
     ramp: Annotated[bool, typer.Option("--ramp", help="Simulate a slow speed ramp down and up beside it.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Write the diagram to a .png or .svg file, or the points to .csv.")] = None,
+    out: Annotated[Path | None, out_option("the diagram or its points", *PICTURES, TABLE)] = None,
     as_json: AsJson = False,
 ) -> None:
     """Limit cycles over speed: Hopf point, folds, stability (the bifurcation diagram).
@@ -30,8 +30,7 @@ def hunting(
     from .units import KMH
 
     finite(highest_speed_kmh=highest_speed_kmh, steps=steps)
-    if out is not None and out.suffix not in (".png", ".svg", ".csv"):
-        raise InputError(f"--out {out}: the name must end in .png, .svg or .csv")
+    check_out(out, *PICTURES, TABLE)
     loaded = load(vehicle)
     highest = None if highest_speed_kmh is None else highest_speed_kmh / KMH
     index = None if wheelset is None else wheelset - 1
@@ -41,8 +40,6 @@ def hunting(
     if ramp:
         with working(f"slow ramp of {loaded.name}"):
             slow = speed_ramp(loaded, 0.98 * branch.speed.min(), 1.05 * float(branch.hopf.speed), wheelset=index)
-    if out is not None:
-        _write(branch, slow, out)
     fold = branch.fold
     fitted = calibrated(loaded)
     content = {
@@ -73,7 +70,11 @@ def hunting(
         lines.append(
             "no fold: limit cycles leave the Hopf point towards higher speeds, so it is the nonlinear critical speed as well"
         )
-    show(content, [*lines, *[f"calibrated, not predicted: {entry}" for entry in fitted]], as_json)
+    lines += [f"calibrated, not predicted: {entry}" for entry in fitted]
+    forms = as_picture(lambda axes: branch.plot(axes[0, 0], slow), height=4.4) | as_table(
+        [_point(point) for point in branch.points]
+    )
+    show(content, lines, as_json, out, forms)
 
 
 def _point(point: Any) -> dict[str, Any]:
@@ -87,19 +88,3 @@ def _point(point: Any) -> dict[str, Any]:
         "largest_multiplier": point.floquet.largest,
         "trivial_multiplier_error": point.floquet.error,
     }
-
-
-def _write(branch: Any, slow: Any, out: Path) -> None:
-    from .plots import figure
-
-    try:
-        if out.suffix == ".csv":
-            rows = [_point(point) for point in branch.points]
-            text = [",".join(rows[0]), *(",".join(str(value) for value in row.values()) for row in rows)]
-            out.write_text("\n".join(text) + "\n", encoding="utf-8")
-        else:
-            with figure(height=4.4) as (page, axes):
-                branch.plot(axes[0, 0], slow)
-                page.savefig(out)
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None

@@ -1,86 +1,95 @@
-"""The dampers and tracks that `railjax simulate` knows by name."""
+"""`railjax simulate`: one run over a track, on the command line."""
 
-import difflib
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Annotated, Any
 
-from .errors import InputError
+import typer
 
-if TYPE_CHECKING:
-    from .dampers import Damper
-    from .track import Track
-    from .vehicle import Vehicle
+from .cli_common import TRACKS, Alpha, AsJson, DamperName, TrackSeed, VehicleName, complete_track, finite, load, show, working
+from .cli_inputs import make_damper, make_track
+from .cli_out import PICTURES, TABLE, as_picture, check_out, out_option
+from .errors import InputError, NumericalError
 
-DAMPERS = (
-    "passive",
-    "passive-soft",
-    "passive-hard",
-    "balance-logic",
-    "bouc-wen",
-    "hybrid",
-    "skyhook",
-    "skyhook-continuous",
-    "add",
-    "mixed-sh-add",
-    "clipped-lqr",
-)
-WITH_ALPHA = ("balance-logic", "hybrid")
+NETCDF = ".nc"
 
 
-def make_damper(name: str, vehicle: "Vehicle", speed: float, alpha: float | None) -> "Damper":
-    """The damper of that name, for a vehicle at a speed (m/s); `alpha` of those that have it. Raises `InputError`."""
-    from . import ADD, BalanceLogic, BoucWenDamper, ClippedLQR, HybridDamper, MixedSkyhookADD, PassiveDamper, Skyhook
-    from .dampers import HARD
+def simulate(
+    vehicle: VehicleName,
+    speed_kmh: Annotated[float, typer.Option(help="Speed in km/h.")] = 180.0,
+    amplitude_mm: Annotated[
+        float | None, typer.Option(help="Amplitude of the sinusoidal alignment in mm; 5 if not given.")
+    ] = None,
+    wavelength_m: Annotated[float | None, typer.Option(help="Its wavelength in m; 20 if not given.")] = None,
+    bump_m: Annotated[float | None, typer.Option(help="Instead: a single bump of this length in m, at 20 m.")] = None,
+    track: Annotated[
+        str | None,
+        typer.Option(help=f"Instead: a random track, {TRACKS}; or a measured one, a .csv file.", autocompletion=complete_track),
+    ] = None,
+    track_seed: TrackSeed = None,
+    duration_s: Annotated[float, typer.Option(help="Duration in s.")] = 10.0,
+    dt_s: Annotated[float, typer.Option(help="Step of RK4 in s.")] = 1e-3,
+    damper: DamperName = "passive",
+    alpha: Alpha = None,
+    record: Annotated[str, typer.Option(help="Channels to record, separated by commas.")] = "carbody_acceleration,wheelset_y",
+    out: Annotated[Path | None, out_option("the run (.json: its sums)", TABLE, NETCDF, *PICTURES)] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run a vehicle over a track with an irregularity.
 
-    if name not in DAMPERS:
-        near = difflib.get_close_matches(name, DAMPERS, n=1, cutoff=0.0)[0]
-        raise InputError(f"--damper {name!r} is not known; did you mean {near}?")
-    if name != "passive" and vehicle.bogie.held:
-        raise InputError(f"--damper {name}: this vehicle has no secondary suspension")
-    if alpha is not None and name not in WITH_ALPHA:
-        raise InputError(f"--alpha is for {' and '.join(WITH_ALPHA)}, not for {name}")
-    gain = {} if alpha is None else {"alpha": alpha}
-    return {
-        "passive": PassiveDamper,
-        "passive-soft": PassiveDamper.soft,
-        "passive-hard": PassiveDamper.hard,
-        "balance-logic": lambda: BalanceLogic(**gain),
-        "bouc-wen": BoucWenDamper,
-        "hybrid": lambda: HybridDamper(**gain),
-        "skyhook": Skyhook,
-        "skyhook-continuous": lambda: Skyhook(damping=HARD),
-        "add": ADD,
-        "mixed-sh-add": MixedSkyhookADD,
-        "clipped-lqr": lambda: ClippedLQR.design(vehicle, speed),
-    }[name]()
-
-
-def make_track(
-    name: str | None,
-    seed: int | None,
-    amplitude_mm: float | None = None,
-    wavelength_m: float | None = None,
-    bump_m: float | None = None,
-    length: float = 0.0,
-) -> tuple["Track", list[str]]:
-    """The track of `--track` (a spectrum's name or a CSV file) or of the other options, and what it rests on.
-
-    A random track repeats itself after `length` m at the earliest. Raises `InputError`.
+    Example: railjax simulate coach --speed-kmh 220 --amplitude-mm 10 --damper balance-logic --alpha 0.5 --out run.png
     """
-    from . import BumpTrack, MeasuredTrack, RandomTrack, SinusoidTrack
-    from .random_track import LENGTH
+    from . import Result
+    from . import simulate as run
+    from .units import KMH
 
-    measured = name is not None and name.lower().endswith(".csv")
-    if seed is not None and (name is None or measured):
-        raise InputError("--track-seed is for a random track, like --track erri-high")
-    if name is None:
-        amplitude = (5.0 if amplitude_mm is None else amplitude_mm) / 1e3
-        track = SinusoidTrack(amplitude, wavelength_m or 20.0) if bump_m is None else BumpTrack(amplitude, bump_m)
-        return track, ["track: the paper gives no wavelength"]
-    for option, value in (("amplitude-mm", amplitude_mm), ("wavelength-m", wavelength_m), ("bump-m", bump_m)):
-        if value is not None:
-            raise InputError(f"--{option} and --track exclude each other: give one")
-    try:
-        found = MeasuredTrack.from_csv(name) if measured else RandomTrack(name, seed=seed or 0, length=max(length, LENGTH))
-    except InputError as error:
-        raise InputError(f"--track: {error}") from None
-    return found, [f"track: {line.strip()}" for line in str(found).splitlines()]
+    finite(speed_kmh=speed_kmh, wavelength_m=wavelength_m, bump_m=bump_m, duration_s=duration_s, dt_s=dt_s)
+    finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha)
+    loaded = load(vehicle)
+    check_out(out, TABLE, NETCDF, *PICTURES)
+    line, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, bump_m)
+    law = make_damper(damper, loaded, speed_kmh / KMH, alpha)
+    channels = [name.strip() for name in record.split(",") if name.strip()]
+    if not channels:
+        raise InputError("--record names no channel; give one, like carbody_acceleration")
+    sums = [f"{how}:{name}" for name in channels for how in ("rms", "peak")]
+    with working(f"running {duration_s:g} s of {loaded.name}"):
+        result = run(loaded, speed_kmh / KMH, track=line, duration=duration_s, dt=dt_s, damper=law, record=channels, reduce=sums)
+        code = int(result.code)
+    if code == Result.DIVERGED:
+        raise NumericalError(f"the run diverged at {speed_kmh:g} km/h: a displacement went beyond 1 m or 1 rad")
+    content = {
+        "vehicle": loaded.name,
+        "speed_kmh": speed_kmh,
+        "damper": damper,
+        "assumed": [
+            *assumed,
+            *([] if damper == "passive" else ["damper: parameters not in the paper"]),
+        ],
+        "reductions": {name: values.tolist() for name, values in result.reductions.items()},
+    }
+    forms = as_picture(lambda axes: _draw(result, channels, axes[:, 0]), rows=len(channels), height=2.4, share_x=True)
+    forms[TABLE] = lambda out: _write_table(result, channels, out)
+    forms[NETCDF] = lambda out: result.to_xarray().to_netcdf(out, engine="scipy")
+    show(content, [str(result)], as_json, out, forms)
+
+
+def _draw(result: Any, channels: list[str], rows: Any) -> None:
+    from .channels import CHANNELS
+    from .plots import histories
+
+    for axes, name in zip(rows, channels, strict=True):
+        histories(axes, result, {name: name}, 1.0, CHANNELS[name].unit)
+
+
+def _write_table(result: Any, channels: list[str], out: Path) -> None:
+    import numpy as np
+
+    from .channels import CHANNELS
+
+    columns, names = [np.asarray(result.time)], ["time (s)"]
+    for name in channels:
+        values = np.asarray(result[name]).reshape(len(columns[0]), -1)
+        columns += list(values.T)
+        index = [f"[{i}]" for i in range(values.shape[1])] if values.shape[1] > 1 else [""]
+        names += [f"{name}{i} ({CHANNELS[name].unit})" for i in index]
+    np.savetxt(out, np.column_stack(columns), delimiter=",", header=",".join(names), comments="")

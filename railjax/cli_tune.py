@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .cli_common import Alpha, AsJson, DamperName, TrackName, VehicleName, completing, finite, load, show, working
-from .cli_simulate import make_damper
+from .cli_inputs import make_damper
+from .cli_out import PICTURES, as_picture, check_out, out_option
 from .errors import InputError
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def tune(
         str | None,
         typer.Option(help="slsqp, lbfgs or adam.", autocompletion=completing(lambda: ("slsqp", "lbfgs", "adam"))),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Draw the history into a .png file.")] = None,
+    out: Annotated[Path | None, out_option("the history, drawn, or the result", *PICTURES)] = None,
     as_json: AsJson = False,
 ) -> None:
     """Tune parameters by exact gradients for the best objective under constraints.
@@ -66,8 +67,7 @@ def tune(
     for speed in speeds:
         finite(speed_kmh=speed)
     finite(positive=False, alpha=alpha)
-    if out is not None and out.suffix != ".png":
-        raise InputError(f"--out {out}: the name must end in .png")
+    check_out(out, *PICTURES)
     loaded = load(vehicle)
     from . import tune as run
 
@@ -87,15 +87,6 @@ def tune(
             seed=seed,
             optimiser=optimiser,
         )
-    if out is not None:
-        from .plots import figure
-
-        with figure() as (page, axes):
-            found.plot(axes[0, 0])
-            try:
-                page.savefig(out)
-            except OSError as error:
-                raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
     plain = found.as_dict()
     content = {
         "vehicle": loaded.name,
@@ -105,7 +96,7 @@ def tune(
         "objective_name": found.quantity.name,
     }
     content |= {"objective_smooth": found.objective, "objective_before": found.objective_before, "met": found.met}
-    show(content, [str(found)], as_json)
+    show(content, [str(found)], as_json, out, as_picture(lambda axes: found.plot(axes[0, 0])))
 
 
 def _parameter(vehicle: "Vehicle", text: str) -> tuple[str, tuple[float, float]]:

@@ -8,6 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from .cli_common import AsJson, VehicleName, complete_vehicle, show
+from .cli_out import OutJson, check_out
 from .errors import InputError
 
 
@@ -23,16 +24,17 @@ vehicles_app = typer.Typer(cls=Listing, help="List the packaged vehicles; write 
 
 
 @vehicles_app.command("list")
-def list_vehicles(as_json: AsJson = False) -> None:
+def list_vehicles(out: OutJson = None, as_json: AsJson = False) -> None:
     """List the packaged vehicles, also without 'list'.
 
     Example: railjax vehicles --json
     """
     from . import load_vehicle, packaged_vehicles
 
+    check_out(out)
     found = {name: load_vehicle(name) for name in packaged_vehicles()}
     content = {"vehicles": [{"name": name, "note": vehicle.note} for name, vehicle in found.items()]}
-    show(content, [f"{name:16s} {vehicle.note}" for name, vehicle in found.items()], as_json)
+    show(content, [f"{name:16s} {vehicle.note}" for name, vehicle in found.items()], as_json, out)
 
 
 @vehicles_app.command()
@@ -72,7 +74,7 @@ def new(
     )
 
 
-def check(vehicle: VehicleName, as_json: AsJson = False) -> None:
+def check(vehicle: VehicleName, out: OutJson = None, as_json: AsJson = False) -> None:
     """What is wrong in a vehicle file (exit status 2) or doubtful (status 0, with a warning for each).
 
     Example: railjax check my.toml
@@ -82,12 +84,13 @@ def check(vehicle: VehicleName, as_json: AsJson = False) -> None:
     from .cli_common import load
     from .vehicle_check import check_vehicle
 
+    check_out(out)
     try:
         found = check_vehicle(load(vehicle))
     except InputError as error:
         for message in error.messages:
             print(f"railjax: {message}", file=sys.stderr)
-        if as_json:
-            show({"vehicle": vehicle, "errors": error.messages, "warnings": [], "derived": []}, [], as_json)
+        content = {"vehicle": vehicle, "errors": error.messages, "warnings": [], "derived": []}
+        show(content, [], as_json, out)
         raise typer.Exit(2) from None
-    show({"vehicle": found.vehicle, "errors": [], **found.as_dict()}, [str(found)], as_json)
+    show({"vehicle": found.vehicle, "errors": [], **found.as_dict()}, [str(found)], as_json, out)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +26,9 @@ from .vibration import (
     weighted_acceleration,
 )
 from .weightings import WEIGHTINGS, check_rate, check_weighting
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Values = Float[np.ndarray, "*lanes"]
 
@@ -105,6 +108,12 @@ class Comfort:
                     f"((aB)^(2 x {exponent:.4g}) per band, powers of {power:g} added)"
                 )
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+    def plot(self, axes: "Axes", bands: "Axes | None" = None) -> None:
+        """Weighted r.m.s. of successive 5 s over time; Sperling's index by third octaves where axes are given for it."""
+        from .plots import comfort
+
+        comfort(axes, bands, self)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers and lists, for JSON."""

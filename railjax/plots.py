@@ -1,6 +1,6 @@
 """One style for all figures: colour-blind safe, km/h where engineers read km/h, the paper's value beside ours."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from .comfort import Comfort
     from .limit_cycles import Branch
     from .modes import RootLocus
     from .ramp import Ramp
@@ -80,8 +81,8 @@ def legend_above(axes: "Axes", columns: int | None = None) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns or len(handles), borderaxespad=0.2)
 
 
-def locus(axes: "Axes", result: "RootLocus", limit: float = 0.6) -> None:
-    """Damping ratio over speed of the modes that are ever less damped than `limit`."""
+def locus(axes: "Axes", result: "RootLocus", limit: float = 0.6, marks: Mapping[str, float] | None = None) -> None:
+    """Damping ratio over speed of the modes that are ever less damped than `limit`; speeds in km/h marked by name."""
     from .units import KMH
 
     damping = result.damping_ratio
@@ -96,6 +97,8 @@ def locus(axes: "Axes", result: "RootLocus", limit: float = 0.6) -> None:
         style = (0, (4, 3)) if phase.startswith("bogies in opposition") else "-"
         axes.plot(result.speeds * KMH, 100 * damping[:, k], color=colour, linestyle=style, label=result.names[k])
     axes.axhline(0.0, color="0.2", linewidth=0.8)
+    for (name, speed), style in zip((marks or {}).items(), (":", "-."), strict=False):
+        axes.axvline(speed, color="0.35", linestyle=style, linewidth=1.2, label=f"{name}, {speed:.1f} km/h")
     axes.set(
         xlabel="speed, km/h",
         ylabel="damping ratio, %",
@@ -154,6 +157,33 @@ def bifurcation(axes: "Axes", branch: "Branch", ramp: "Ramp | None" = None) -> N
         ylim=(0.0, None),
     )
     legend_above(axes, 3)
+
+
+def comfort(axes: "Axes", bands: "Axes | None", found: "Comfort") -> None:
+    """Weighted r.m.s. of successive 5 s over time, and Sperling's index by third octaves; a line per direction and place or lane."""
+    from .vibration import BLOCK, THIRD_OCTAVES
+
+    def lines(direction: str, values: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+        columns = values.reshape(len(values), -1).T
+        of = [f", {place}" for place in found.places] if len(found.places) == len(columns) else [""] * len(columns)
+        return zip([direction + place for place in of], columns, strict=True)
+
+    for direction, blocks in found.blocks.items():
+        for name, values in lines(direction, blocks):
+            axes.stairs(
+                values, BLOCK * np.arange(len(values) + 1), baseline=None, label=f"{name} ({found.weightings[direction]})"
+            )
+    axes.set(xlabel="time, s", ylabel="weighted r.m.s. of 5 s, m/s²", ylim=(0.0, None))
+    legend_above(axes, 2)
+    if bands is None:
+        return
+    for direction, parts in found.sperling_bands.items():
+        for (name, values), whole in zip(lines(direction, parts), found.sperling[direction].flat, strict=True):
+            bands.semilogx([10.0 ** (n / 10.0) for n in THIRD_OCTAVES], values, ".-", label=f"{name}, $W_z$ = {whole:.2f}")
+    bands.set(xlabel="third octave, Hz", ylabel="Sperling's index of the band", ylim=(0.0, None))
+    bands.set_xticks([0.5, 1, 2, 4, 8, 16, 31.5], ["0.5", "1", "2", "4", "8", "16", "31.5"])
+    bands.minorticks_off()
+    legend_above(bands, 2)
 
 
 def _runs(piece: tuple) -> Iterator[tuple[bool, list]]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .cli_simulate import DAMPERS, make_damper
+from .cli_inputs import DAMPERS, make_damper
 from .deflections import UNITS as COORDINATES
 from .design_points import DESIGNS, MOST_POINTS, SAMPLED, SCALES
 from .errors import InputError

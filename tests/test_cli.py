@@ -214,7 +214,7 @@ def test_simulate_draws(run, tmp_path):
         ([*SHORT, "--dt-s", "0.01", "--speed-kmh", "10"], ["dt = 0.01 s is too large", "use dt <= 0.000"]),
         ([*SHORT, "--record", "weelset_y"], ["unknown channel 'weelset_y'", "did you mean 'wheelset_y'?"]),
         ([*SHORT, "--record", ","], ["--record names no channel"]),
-        ([*SHORT, "--out", "run.pdf"], ["--out run.pdf", ".csv, .nc or .png"]),
+        ([*SHORT, "--out", "run.pdf"], ["--out run.pdf", ".csv, .nc, .png, .svg or .json"]),
         (["reproduce", "--only", "fig-99"], ["no study 'fig-99'", "linear-critical-speed"]),
     ],
 )
@@ -290,7 +290,7 @@ def test_a_damper_needs_a_secondary_suspension(run):
 
 
 def test_every_damper_of_the_command_line_can_be_made(coach):
-    from railjax.cli_simulate import DAMPERS, make_damper
+    from railjax.cli_inputs import DAMPERS, make_damper
     from railjax.dampers import Damper
 
     for name in DAMPERS:

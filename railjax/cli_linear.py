@@ -1,0 +1,130 @@
+"""`railjax modes` and `railjax critical-speed`: straight running and its limits, on the command line."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .cli_common import AsJson, VehicleName, calibrated, finite, load, show, working
+from .cli_out import PICTURES, TABLE, as_picture, as_table, check_out, out_option
+
+
+def modes(
+    vehicle: VehicleName,
+    speed_kmh: Annotated[float, typer.Option(help="Speed in km/h.")] = 180.0,
+    out: Annotated[Path | None, out_option("the modes, or their damping up to this speed, drawn,", TABLE, *PICTURES)] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Frequencies, damping ratios and names of the modes of straight running.
+
+    Example: railjax modes coach --speed-kmh 245
+
+    Example: railjax modes coach --speed-kmh 245 --out modes.csv
+    """
+    from .modes import modes as compute
+    from .units import KMH
+
+    finite(speed_kmh=speed_kmh)
+    check_out(out, TABLE, *PICTURES)
+    loaded = load(vehicle)
+    found = compute(loaded, speed_kmh / KMH)
+    content = {
+        "vehicle": vehicle,
+        "speed_kmh": speed_kmh,
+        "modes": [
+            {
+                "name": name,
+                "frequency_hz": float(f),
+                "damping_ratio": float(z),
+                "growth_per_s": float(value.real),
+                "condition": float(c),
+            }
+            for name, f, z, value, c in zip(
+                found.names,
+                found.frequency,
+                found.damping_ratio,
+                found.eigenvalues,
+                found.condition,
+                strict=True,
+            )
+        ],
+    }
+    forms = as_table(content["modes"]) | as_picture(lambda axes: _damping(axes[0, 0], loaded, speed_kmh, {}), height=4.4)
+    show(content, [str(found)], as_json, out, forms)
+
+
+def critical_speed(
+    vehicle: VehicleName,
+    nonlinear: Annotated[bool, typer.Option("--nonlinear", help="Also the fold of the limit cycles.")] = False,
+    out: Annotated[Path | None, out_option("the result, or the modes' damping over speed, drawn,", *PICTURES)] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Linear critical speed, where straight running loses stability; nonlinear, below which nothing makes the vehicle hunt.
+
+    Example: railjax critical-speed coach --nonlinear --json
+    """
+    from .linear import linear_critical_speed
+    from .modes import modes as compute
+    from .units import KMH
+
+    check_out(out, *PICTURES)
+    loaded = load(vehicle)
+    speed = float(linear_critical_speed(loaded))
+    critical = compute(loaded, speed)
+    fitted = calibrated(loaded)
+    found, described = _nonlinear(loaded) if nonlinear else ({}, [])
+    content = {
+        "vehicle": loaded.name,
+        "linear_kmh": speed * KMH,
+        "frequency_hz": float(critical.frequency[0]),
+        "mode": critical.names[0],
+        **found,
+        "calibrated": fitted,
+        "note": loaded.note,
+    }
+    lines = [
+        f"{loaded.name}: linear critical speed {speed * KMH:.2f} km/h, {critical.frequency[0]:.3f} Hz, {critical.names[0]}",
+        *described,
+        *([loaded.note] if loaded.note else []),
+        *[f"calibrated, not predicted: {entry}" for entry in fitted],
+    ]
+    marks = {"linear critical speed": speed * KMH} | ({"nonlinear": found["nonlinear_kmh"]} if nonlinear else {})
+    drawn = as_picture(lambda axes: _damping(axes[0, 0], loaded, 1.1 * speed * KMH, marks), height=4.4)
+    show(content, lines, as_json, out, drawn)
+
+
+def _damping(axes: Any, vehicle: Any, highest_kmh: float, marks: dict[str, float]) -> None:
+    """Damping ratio of the modes up to a speed, and speeds marked in it."""
+    import numpy as np
+
+    from .modes import root_locus
+    from .plots import locus
+    from .units import KMH
+
+    locus(axes, root_locus(vehicle, np.linspace(0.2, 1.0, 45) * highest_kmh / KMH), marks=marks)
+
+
+def _nonlinear(vehicle: Any) -> tuple[dict[str, Any], list[str]]:
+    """Keys and lines of the nonlinear critical speed; without a fold it is the linear one, and amplitude and frequency null."""
+    from .critical import Hunting, default_wheelset, nonlinear_critical, refuse
+    from .units import KMH
+
+    with working(f"fold of the limit cycles of {vehicle.name}"):
+        found = nonlinear_critical(vehicle)
+    refuse(found.code)
+    folded = int(found.code) == Hunting.OK
+    content = {
+        "nonlinear_kmh": float(found.speed) * KMH,
+        "fold_amplitude_mm": float(found.amplitude) * 1e3 if folded else None,
+        "fold_frequency_hz": float(found.frequency) if folded else None,
+        "criticality": "subcritical" if folded else "supercritical",
+    }
+    if not folded:
+        return content, [
+            "no fold: limit cycles leave the linear critical speed upwards (supercritical), so it is the nonlinear one"
+        ]
+    place = f"wheelset {default_wheelset(vehicle, None) + 1} from the front"
+    return content, [
+        f"nonlinear critical speed {content['nonlinear_kmh']:.2f} km/h: fold of the limit cycles at "
+        f"{content['fold_amplitude_mm']:.3f} mm ({place}), {content['fold_frequency_hz']:.3f} Hz"
+    ]
