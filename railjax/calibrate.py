@@ -32,7 +32,7 @@ from .orbits import (
 )
 from .precision import require_double_precision
 from .units import KMH
-from .vehicle import Provenance, Vehicle, get_parameter, set_parameter, without_labels
+from .vehicle import Provenance, Vehicle, bare, get_parameter, set_parameter
 from .vehicle_values import nearest
 
 #: what a vehicle can be fitted to: linear critical speed; speed of the fold of the limit cycles and amplitude there
@@ -232,7 +232,7 @@ class _Trials:
             linear = linear_critical(vehicle, damper=self.damper)
             fold = None
             if self.shooting is not None:
-                fold = search_fold((without_labels(rounded(vehicle)), self.damper), linear, self.shooting, None)
+                fold = search_fold(bare(rounded(vehicle), self.damper), linear, self.shooting, None)
             self.at, self.found = logs.copy(), (linear, fold)
         return self.found
 
@@ -251,7 +251,7 @@ class _Trials:
         """d result / d log factor, (results, unknowns)."""
         _, fold = self._try(logs)
         rows = {}
-        given, at = (without_labels(self.vehicle), self.damper), jnp.asarray(logs)
+        given, at = bare(self.vehicle, self.damper), jnp.asarray(logs)
         if "linear_kmh" in self.names:
             rows["linear_kmh"] = np.asarray(_linear_slopes(self.unknowns, given, at)) * KMH
         if fold is not None:

@@ -18,7 +18,7 @@ from .linear import LinearCritical, Stability, linear_critical
 from .motion import PASSIVE, wheelset_shape
 from .orbits import Shooting, rounded
 from .precision import require_double_precision
-from .vehicle import Vehicle, without_labels
+from .vehicle import Vehicle, bare
 
 #: fewest steps of RK4 in half a period; the fold of the coach moves by less than 1e-4 km/h when they are doubled
 FEWEST_STEPS = 200
@@ -91,8 +91,8 @@ def nonlinear_critical(
     motions that a vehicle settles on, as a slow ramp down would show.
     """
     require_double_precision("the nonlinear critical speed")
-    trees = without_labels(rounded(vehicle)), damper
-    axes = own_axes(trees[0]), own_axes(damper)
+    trees = bare(rounded(vehicle), damper)
+    axes = own_axes(trees[0]), own_axes(trees[1])
     lanes = count_lanes(trees, axes)
     linear = linear_critical(vehicle, damper=damper)
     if steps is None:
@@ -121,7 +121,7 @@ def default_steps(vehicle: Vehicle, damper: Damper, linear: LinearCritical) -> i
 
     Where the vehicle is being traced nothing is known of it: the fewest.
     """
-    trees = without_labels(vehicle), damper
+    trees = bare(vehicle, damper)
     axes = own_axes(trees[0]), own_axes(damper)
     return _enough_steps(trees, axes, count_lanes(trees, axes), linear)
 

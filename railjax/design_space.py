@@ -15,7 +15,7 @@ from .dampers import Damper
 from .errors import InputError
 from .quantities import Trees
 from .typing import Number
-from .vehicle import Provenance, Vehicle, get_parameter, parameters, set_parameter, structure, without_labels
+from .vehicle import Provenance, Vehicle, bare, get_parameter, parameters, set_parameter, structure
 from .vehicle_values import nearest
 
 #: a parameter of the damper is written as damper.alpha
@@ -62,8 +62,7 @@ class DesignSpace:
             lows.append(low)
             highs.append(high)
             logarithms.append(scale == "log" or (scale is None and low > 0.0 and high / low >= LOGARITHMIC))
-        bare = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), (without_labels(vehicle), damper))
-        return cls(*bare, jnp.asarray(lows), jnp.asarray(highs), tuple(paths), tuple(logarithms))
+        return cls(*bare(vehicle, damper), jnp.asarray(lows), jnp.asarray(highs), tuple(paths), tuple(logarithms))
 
     @property
     def names(self) -> list[str]:

@@ -24,7 +24,7 @@ from .motion import PASSIVE, state_matrix
 from .normal_form import first_lyapunov_coefficient
 from .orbits import PERIOD, SPEED, Model, Point, Problem, Shooting, floquet
 from .precision import require_double_precision
-from .vehicle import Vehicle, without_labels
+from .vehicle import Vehicle, bare
 
 #: share of the flange clearance at which the branch is entered from the Hopf point, to which it is followed down, and at which
 #: its first direction is taken
@@ -104,8 +104,7 @@ def hunting_branch(
         raise InputError(f"highest_speed must lie above {ENTRY * speed:.2f} m/s, {ENTRY:g} times the linear critical speed")
     half = default_steps(vehicle, damper, hopf) if steps is None else steps
     shooting = Shooting(half if symmetric else 2 * half, default_wheelset(vehicle, wheelset), symmetric)
-    # as arrays, which are quicker to hand over than Python's numbers
-    model = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), Model(without_labels(orbits.rounded(vehicle)), damper))
+    model = Model(*bare(orbits.rounded(vehicle), damper))
     tracer = _Tracer(model, shooting, hopf, largest_step)
     below, above, folds, note = tracer.pieces(highest)
     slope = tracer.slope_at_hopf()

@@ -19,7 +19,7 @@ from .motion import PASSIVE, state_matrix, state_product
 from .precision import require_double_precision
 from .typing import Scalar
 from .units import KMH
-from .vehicle import Vehicle, without_labels
+from .vehicle import Vehicle, bare
 
 #: speeds (m/s) between which a crossing is looked for, and how many are tried; a window of instability narrower than the
 #: spacing (about 2.5 m/s) can be missed: look at `root_locus` when in doubt
@@ -73,7 +73,7 @@ def linear_critical(
 ) -> LinearCritical:
     """As `linear_critical_speed`, `lowest` and `highest` in m/s too, with frequency and result code instead of errors."""
     require_double_precision("the linear critical speed")
-    trees = (without_labels(vehicle), damper)
+    trees = bare(vehicle, damper)
     lanes = count_lanes(trees, _axes(trees))
     return _critical(trees, jnp.asarray(lowest, float), jnp.asarray(highest, float), lanes)
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 import jax
+import jax.numpy as jnp
 
 from .errors import InputError
 from .typing import Number
@@ -335,3 +336,9 @@ def parameters(vehicle: Vehicle | None = None) -> Iterator[tuple[str, dataclasse
 def without_labels(vehicle: Vehicle) -> Vehicle:
     """The vehicle without name, note and provenance, so that two vehicles of one structure share compiled code."""
     return dataclasses.replace(vehicle, name="", note="", provenance=())
+
+
+def bare(vehicle: Vehicle, damper: Any) -> tuple[Vehicle, Any]:
+    """The vehicle without labels, and the damper, all numbers as arrays: else code is compiled anew where a Python float takes the
+    place of an array, and each is slower to hand over."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, float), (without_labels(vehicle), damper))
