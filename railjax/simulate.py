@@ -18,7 +18,7 @@ from .deflections import join, layout
 from .errors import InputError
 from .integrate import STABLE_RADIUS, Plan, Run, fastest_rate, run
 from .kernels import one_kernel
-from .lanes import CHUNK, alone, by_device, count_lanes, each_lane, over_lanes, own_axes
+from .lanes import alone, by_device, chunk_for, count_lanes, each_lane, over_lanes, own_axes
 from .motion import PASSIVE, state_size
 from .speed_profile import Speed, SpeedProfile
 from .track import TangentTrack, Track, check_track
@@ -125,7 +125,7 @@ def simulate(
     sample: float | None = None,
     reduce: tuple[str, ...] | list[str] = (),
     settle: float = 0.0,
-    chunk: int = CHUNK,
+    chunk: int | None = None,
 ) -> Simulation:
     """Run the vehicle over a track: RK4 with fixed step.
 
@@ -136,7 +136,7 @@ def simulate(
     `settle` seconds and not stored. `railjax.CHANNELS` lists the channels.
 
     A batch: any number in vehicle, speed, track, damper or initial may be an array of one axis of lanes; the others are
-    shared. Lanes run in chunks of `chunk` in number on all devices (`use_all_cores`). Inside `jax.vmap` or `jax.grad` it works as well.
+    shared. Lanes run in chunks of `chunk` in number (default: what is quickest) on all devices (`use_all_cores`). Inside `jax.vmap` or `jax.grad` it works as well.
 
     A single run whose dt is beyond what RK4 holds raises `InputError`; in a batch (or inside a transformation) such a lane is
     marked in `code` and the others are kept. Differentiable in forward and reverse mode (checkpointed), but never
@@ -148,6 +148,7 @@ def simulate(
     check_speed(speed)
     plan = _plan(vehicle, duration, dt, sample, tuple(record), tuple(reduce), settle)
     x = initial_state(vehicle, damper, initial)
+    chunk = chunk_for(x.dtype) if chunk is None else chunk
     bare = without_labels(vehicle)
     if isinstance(speed, SpeedProfile):
         speed = SpeedProfile(jnp.asarray(speed.time, float), jnp.asarray(speed.speed, float))
