@@ -9,6 +9,7 @@ from .comfort import Comfort, comfort
 from .dampers import Damper, PassiveDamper
 from .errors import NumericalError
 from .frequency import frequency_response
+from .paper_hunting import PAPER_NONLINEAR
 from .paper_passive import WAVELENGTH
 from .paper_semiactive import ALPHA, CASES, paper_dampers, strategies
 from .plots import COLOURS, figure, legend_above
@@ -134,7 +135,7 @@ def _lines(vehicle: Vehicle, mean: dict, wz: dict) -> Picture:
                     here.plot(SPEEDS, values[spectrum, name], color=colour, label=name)
                 linear = _linear(vehicle, spectrum)
                 here.plot(SPEEDS, linear[side], color="0.2", linestyle=(0, (4, 2.5)), label="passive, linear theory")
-                here.axvline(234.2, color="0.35", linestyle=":", linewidth=1.0)
+                here.axvline(PAPER_NONLINEAR, color="0.35", linestyle=":", linewidth=1.0)
                 here.set(ylabel=f"{label}: {symbol}", xlim=(SPEEDS[0], SPEEDS[-1]), ylim=(0.0, None))
         for here in axes[1]:
             here.set_xlabel("speed, km/h")

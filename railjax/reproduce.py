@@ -27,6 +27,7 @@ MODULES = (
     "railjax.paper_damper",
     "railjax.paper_characteristics",
     "railjax.paper_semiactive",
+    "railjax.paper_gain",
     "railjax.paper_controlled_hunting",
     "railjax.paper_comfort",
     "railjax.paper_acceptance",
