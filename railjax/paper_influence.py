@@ -6,8 +6,8 @@ import numpy as np
 
 from .critical import Hunting, nonlinear_critical, nonlinear_critical_speed
 from .linear import linear_critical, linear_critical_speed
-from .paper_hunting import PAPER_LINEAR, PAPER_NONLINEAR
-from .paper_passive import AMPLITUDE, ASSUMED_TRACK, WAVELENGTH, periodic_run
+from .paper_hunting import PAPER_NONLINEAR
+from .paper_passive import AMPLITUDE, ASSUMED_TRACK, PAPER_LINEAR, WAVELENGTH, periodic_run
 from .plots import COLOURS, figure, legend_above, mark_paper, tornado
 from .sensitivity import changes, parameter_label
 from .study import Context, Outcome, Picture, Statement, study
