@@ -1,5 +1,6 @@
 """`--out` of the verbs: what was found, in a file whose ending tells the form; every verb writes .json."""
 
+import csv
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -41,10 +42,14 @@ def write_out(out: Path | None, forms: Mapping[str, Writer]) -> None:
 
 def as_table(rows: Sequence[dict[str, Any]]) -> dict[str, Writer]:
     """Rows of a table, its head the keys of the first."""
-    lines = [rows[0], *(row.values() for row in rows)]
-    # names of modes have commas in them
-    text = "\n".join(",".join(f'"{cell}"' if "," in str(cell) else str(cell) for cell in line) for line in lines) + "\n"
-    return {TABLE: lambda out: out.write_text(text, encoding="utf-8")}
+
+    def write(out: Path) -> None:
+        with out.open("w", encoding="utf-8", newline="") as file:
+            table = csv.DictWriter(file, rows[0], lineterminator="\n")
+            table.writeheader()
+            table.writerows(rows)
+
+    return {TABLE: write}
 
 
 def as_picture(draw: Callable[[Any], Any], **shape: Any) -> dict[str, Writer]:
