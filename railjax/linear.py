@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float, Int
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .crossing import GROWN, Crossing, crossings, first_unproved, one_by_one
 from .dampers import Damper
@@ -24,6 +24,8 @@ from .vehicle import Vehicle, bare
 #: speeds (m/s) between which a crossing is looked for, and how many are tried; a window of instability narrower than the
 #: spacing (about 2.5 m/s) can be missed: look at `root_locus` when in doubt
 LOWEST, HIGHEST, POINTS = 3.0, 150.0, 60
+#: how often the spacing is halved
+HALVINGS = 24
 
 
 class Stability(IntEnum):
@@ -174,31 +176,38 @@ def _many(axes: tuple, trees: tuple) -> tuple[Crossing, Int[Array, "lanes"]]:
     return _only_found(crossing, code), code
 
 
-def _growth(vehicle: Vehicle, damper: Damper, speed: Scalar) -> Float[Array, ""]:
-    """Largest real part: positive means unstable, whichever mode it is."""
-    return jnp.max(jnp.linalg.eigvals(state_matrix(vehicle, speed, damper)).real)
-
-
 def _robust(vehicle: Vehicle, damper: Damper, lowest: Scalar, highest: Scalar) -> tuple[Crossing, Int[Array, ""]]:
-    """One vehicle: all eigenvalues along the grid, then bisection."""
-    growth = functools.partial(_growth, vehicle, damper)
+    """One vehicle: all eigenvalues along the grid up to the first speed where one grows, then bisection."""
     speeds = jnp.linspace(lowest, highest, POINTS)
-    growths = jax.lax.map(growth, speeds)
-    unstable = growths > 0
-    first = jnp.argmax(unstable)
-    code = jnp.where(~jnp.any(unstable), int(Stability.STABLE), jnp.where(first == 0, int(Stability.UNSTABLE), 0))
-    code = jnp.where(jnp.all(jnp.isfinite(growths)), code, int(Stability.FAILED))
-    bracket = speeds[jnp.maximum(first - 1, 0)], speeds[jnp.maximum(first, 1)]
 
-    # Bisection on the largest real part stays with the first crossing even where modes cross each other below it
-    def halve(bracket, _):
-        low, high = bracket
-        middle = 0.5 * (low + high)
-        above = growth(middle) > 0
-        return (jnp.where(above, low, middle), jnp.where(above, middle, high)), None
+    class Search(NamedTuple):
+        low: Float[Array, ""]  # nothing grows there
+        high: Float[Array, ""]  # infinite as long as nothing grows
+        tried: Int[Array, ""]
+        halvings: Int[Array, ""]
+        finite: Bool[Array, ""]
 
-    (low, high), _ = jax.lax.scan(halve, bracket, length=24)
-    near = 0.5 * (low + high)
+    def unfinished(search: Search) -> Bool[Array, ""]:
+        found = jnp.isfinite(search.high)
+        return search.finite & jnp.where(found, search.halvings < HALVINGS, search.tried < POINTS)
+
+    # Bisection on the largest real part stays with the first crossing even where modes cross each other below it. One loop for grid and
+    # bisection, because the eigenvalues take long to compile
+    def onward(search: Search) -> Search:
+        low, high, tried, halvings, _ = search
+        found = jnp.isfinite(high)
+        speed = jnp.where(found, 0.5 * (low + high), speeds[tried])
+        growth = jnp.max(jnp.linalg.eigvals(state_matrix(vehicle, speed, damper)).real)
+        low, high = jnp.where(growth > 0, low, speed), jnp.where(growth > 0, speed, high)
+        return Search(low, high, tried + ~found, halvings + found, jnp.isfinite(growth))
+
+    none = jnp.array(0)
+    search = Search(speeds[0], jnp.full_like(speeds[0], jnp.inf), none, none, jnp.array(True))
+    low, high, tried, _, finite = jax.lax.while_loop(unfinished, onward, search)
+    code = jnp.where(jnp.isfinite(high), int(Stability.OK), int(Stability.STABLE))
+    code = jnp.where(jnp.isfinite(high) & (tried == 1), int(Stability.UNSTABLE), code)
+    code = jnp.where(finite, code, int(Stability.FAILED))
+    near = jnp.where(jnp.isfinite(high), 0.5 * (low + high), highest)
     matrix, by_speed = jax.jvp(lambda v: state_matrix(vehicle, v, damper), (near,), (jnp.ones_like(near),))
     values, left, right = eig_both(matrix)
     critical = jnp.argmax(values.real)

@@ -302,7 +302,7 @@ def test_ctrl_c_elsewhere_is_one_line(verb, capsys, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli_common, "load", stop)
-    monkeypatch.setattr("railjax.cli.load", stop)
+    monkeypatch.setattr("railjax.cli_linear.load", stop)
     assert status([verb, "coach"]) == 130
     assert capsys.readouterr() == ("", "railjax: stopped\n")
 
