@@ -1,6 +1,5 @@
 """The command line `railjax`: exit status 0, 1 (numerical failure) or 2 (bad input, one line), never a traceback."""
 
-import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,8 +20,7 @@ from .cli_sweep import sweep
 from .cli_tune import tune
 from .cli_vehicles import check, vehicles_app
 from .errors import InputError, NumericalError
-
-INTERRUPTED = 130  # exit status after Ctrl-C, as shells give it
+from .progress import INTERRUPTED, end_at_ctrl_c, leave, when_stopped
 
 
 class Stopped(Exception):
@@ -66,12 +64,10 @@ app.command()(sweep)
 
 def main() -> None:
     """Run the command line and exit with its status."""
+    end_at_ctrl_c()
     code = status(sys.argv[1:])
     if code == INTERRUPTED:
-        # at once: XLA may still be compiling on its threads, and an interpreter that is taken down under them can crash or hang
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+        leave()
     sys.exit(code)
 
 
@@ -127,10 +123,8 @@ def reproduce(
         def advance(title: str, done: int, total: int) -> None:
             bar.update(task, description=title, completed=done, total=total)
 
-        try:
+        with when_stopped(f"stopped; finished parts are kept in {out}, and the same command goes on there"):
             results = run(out, only=only, fresh=fresh, progress=advance)
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"stopped; finished parts are kept in {out}, and the same command goes on there") from None
     lines = [
         f"{q['name']}: {number(q['computed'])} {q['unit']}"
         + ("" if q["paper"] is None else f" (paper {number(q['paper'])})")

@@ -1,6 +1,7 @@
 """How far a long computation is: rate and time left, for a callback or as a bar; and how it is stopped."""
 
 import contextlib
+import os
 import signal
 import sys
 import threading
@@ -62,6 +63,40 @@ def _spoken(seconds: float) -> str:
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{seconds:02d}"
+
+
+#: exit status after Ctrl-C, as shells give it
+INTERRUPTED = 130
+#: what is said then, innermost last
+_said = ["stopped"]
+
+
+def leave() -> None:
+    """End the process after Ctrl-C, at once: XLA's threads, if they compile, crash or hold up an interpreter that is taken down."""
+    os._exit(INTERRUPTED)
+
+
+def end_at_ctrl_c() -> None:
+    """From here on Ctrl-C ends the process with one line on standard error, wherever it comes: a `KeyboardInterrupt` would be lost in
+    a destructor or where Python calls back from JAX."""
+
+    def end(number: int, frame: object) -> None:
+        # past Python's buffer, which may be in use; progress bars hide the cursor
+        shown = "\x1b[?25h\n" if sys.stderr.isatty() else ""
+        os.write(2, f"{shown}railjax: {_said[-1]}\n".encode())
+        leave()
+
+    signal.signal(signal.SIGINT, end)
+
+
+@contextlib.contextmanager
+def when_stopped(message: str) -> Iterator[None]:
+    """Within it `message` is what Ctrl-C says before it ends the process."""
+    _said.append(message)
+    try:
+        yield
+    finally:
+        _said.pop()
 
 
 @contextlib.contextmanager

@@ -282,13 +282,8 @@ def test_ctrl_c_says_what_is_kept(tmp_path):
             break
         time.sleep(0.1)
     time.sleep(0.3)
-    for _ in range(10):  # Python drops an interrupt that comes inside of a destructor; one presses the keys again
-        started.send_signal(signal.SIGINT)
-        try:
-            text, error = started.communicate(timeout=12)
-            break
-        except subprocess.TimeoutExpired:
-            continue
+    started.send_signal(signal.SIGINT)
+    text, error = started.communicate(timeout=120)  # the compiler is not interrupted
     assert started.returncode == 130
     assert text == ""
     assert error == f"railjax: stopped; finished parts are kept in {out}, and the same command goes on there\n"
