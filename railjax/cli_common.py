@@ -89,10 +89,12 @@ def show(
     """Print the content as one JSON object, or the lines; write it to the file of `--out`, too, in one of the forms or as that object."""
     from .report import without_nan
 
-    text = json.dumps(without_nan(content), allow_nan=False)
-    write_out(out, {JSON: lambda out: out.write_text(text + "\n", encoding="utf-8"), **(forms or {})})
+    def text() -> str:
+        return json.dumps(without_nan(content), allow_nan=False)
+
+    write_out(out, {JSON: lambda out: out.write_text(text() + "\n", encoding="utf-8"), **(forms or {})})
     if as_json or lines:
-        print(text if as_json else "\n".join(lines))
+        print(text() if as_json else "\n".join(lines))
 
 
 def finite(positive: bool = True, **options: float | None) -> None:

@@ -44,8 +44,8 @@ def simulate(
 
     finite(speed_kmh=speed_kmh, wavelength_m=wavelength_m, bump_m=bump_m, duration_s=duration_s, dt_s=dt_s)
     finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha)
-    loaded = load(vehicle)
     check_out(out, TABLE, NETCDF, *PICTURES)
+    loaded = load(vehicle)
     line, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, bump_m)
     law = make_damper(damper, loaded, speed_kmh / KMH, alpha)
     channels = [name.strip() for name in record.split(",") if name.strip()]
