@@ -1,28 +1,30 @@
 """Runge-Kutta 4 in nested `lax.scan`s: bursts of steps, samples of bursts, checkpointed blocks of samples."""
 
-import functools
 import itertools
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from math import isqrt
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
-from .channels import CHANNELS, parse_reduction
+from .channels import CHANNELS, of_motion, parse_reduction, shape_of
 from .dampers import Damper, damper_extremes
 from .deflections import layout, size, wheelset_positions
 from .elements import extremes
 from .kernels import fence
-from .motion import Motion, held, motion, state_matrix, state_rate
+from .motion import Motion, held, motion, rate_matrix_on_host, state_matrix, state_rate
 from .smooth import sqrt_of_square
 from .speed_profile import Speed, SpeedProfile
 from .track import Track
 from .typing import Scalar
-from .vehicle import Vehicle
+from .vehicle import Vehicle, as_numbers
 
 State = Float[Array, "states *lanes"]
+Carry = tuple[list[Array], tuple[Array, ...]]
 
 #: |R(z)| <= 1 for RK4's stability function on every z in the left half plane with |z| <= this (2.6156 at the waist)
 STABLE_RADIUS = 2.61
@@ -57,49 +59,140 @@ class Inputs(NamedTuple):
 
 
 @fence
-def _advanced(x: Any, rate: Any, dt: Scalar) -> Any:
+def _onward(x: Any, rate: Any, dt: Scalar) -> Any:
     return jax.tree.map(lambda x, rate: x + rate * dt, x, rate)
 
 
-@fence
-def _combined(x: Any, first: Any, second: Any, third: Any, fourth: Any, dt: Scalar) -> Any:
-    def sum_of(x: Array, first: Array, second: Array, third: Array, fourth: Array) -> Array:
-        return x + (dt / 6.0) * (first + 2.0 * (second + third) + fourth)
-
-    return jax.tree.map(sum_of, x, first, second, third, fourth)
-
-
-def _in_rows(function: Callable[..., Any], x: Any, *rates: Any, dt: Scalar) -> Any:
+def _in_rows(function: Callable[..., Any], x: Any, rate: Any, dt: Scalar) -> Any:
     """`function` on each array as one long row: a row per state would be a loop over one chunk of lanes, which LLVM unrolls before it
     looks for vectors."""
-    long = [jax.tree.map(jnp.ravel, tree) for tree in (x, *rates)]
+    long = [jax.tree.map(jnp.ravel, tree) for tree in (x, rate)]
     return jax.tree.map(lambda row, like: row.reshape(like.shape), function(*long, dt), x)
 
 
-def rk4(rate: Callable[[Inputs, Any], Any], x: Any, first: Any, dt: Scalar, mid: Inputs, end: Inputs) -> Any:
-    """One classical Runge-Kutta step of x, an array or a tree of them; `first` is x' at its start, `mid` and `end` the inputs half a
-    step and a step later."""
-    second = rate(mid, _in_rows(_advanced, x, first, dt=0.5 * dt))
-    third = rate(mid, _in_rows(_advanced, x, second, dt=0.5 * dt))
-    fourth = rate(end, _in_rows(_advanced, x, third, dt=dt))
-    return _in_rows(_combined, x, first, second, third, fourth, dt=dt)
+def rk4(
+    stage: Callable[[Any, Any, Any], tuple[Any, Any]], x: Any, sums: Any, dt: Scalar, looped: bool = False
+) -> tuple[Any, Any]:
+    """One classical Runge-Kutta step of x, an array or a tree of them: x and `sums` after it.
+
+    `stage(k, x, sums)` gives x' and what becomes of `sums` in the stage k: 0 at the start, 1 and 2 in the middle, 3 at the end of
+    the step. `looped`: one copy of the stage instead of four, compiled in a third of the time; batches and gradients are slower by 15 %.
+    """
+
+    def advanced(k: Any, carry: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+        ahead, total, sums = carry
+        rate, sums = stage(k, ahead, sums)
+        if looped:
+            share = jnp.where((k == 1) | (k == 2), dt / 3.0, dt / 6.0), jnp.where(k == 2, dt, 0.5 * dt)
+        else:
+            share = dt / (3.0 if k in (1, 2) else 6.0), dt if k == 2 else 0.5 * dt
+        total = jax.tree.map(lambda total, rate: total + share[0] * rate, total, rate)
+        return (_in_rows(_onward, x, rate, share[1]) if looped or k < 3 else x), total, sums
+
+    carry = x, x, sums
+    if looped:
+        carry = jax.lax.fori_loop(0, 4, advanced, carry)
+    else:
+        for k in range(4):
+            carry = advanced(k, carry)
+    return carry[1:]
 
 
 def rk4_in_loop(rate: Callable[[Any], Any], x: Array, dt: Scalar) -> Array:
-    """One step of `rk4` with constant inputs, its stages a loop: compiled in a third of the time, where lanes are few as fast."""
-
-    def stage(carry: tuple[Array, Array], shares: Array) -> tuple[tuple[Array, Array], None]:
-        ahead, total = carry
-        change = dt * rate(ahead)
-        return (x + shares[0] * change, total + shares[1] * change), None
-
-    onward_and_weight = jnp.array([[1 / 2, 1 / 6], [1 / 2, 1 / 3], [1.0, 1 / 3], [0.0, 1 / 6]], x.dtype)
-    return jax.lax.scan(stage, (x, x), onward_and_weight)[0][1]
+    """One step of `rk4` with constant inputs, its stages a loop."""
+    return rk4(lambda _, x, nothing: (rate(x), nothing), x, None, dt, looped=True)[0]
 
 
 def largest_divisor(number: int, limit: int) -> int:
     """The largest divisor of `number` not above `limit`."""
     return next(d for d in range(min(number, limit), 0, -1) if number % d == 0)  # at most 1e5 trials: limits are roots
+
+
+class Block(NamedTuple):
+    """The static part of an `advance`: neither how many samples are taken nor how far they are apart."""
+
+    samples: int  # room for so many
+    burst: int  # steps whose track is sampled together
+    record: tuple[str, ...] | None  # channels; None: the states
+    reduce: tuple[str, ...]
+
+
+class Progress(NamedTuple):
+    """Where a run stands between two blocks."""
+
+    x: State
+    sums: tuple[Float[Array, "..."], ...]
+    diverged: Bool[Array, "..."]
+
+
+def burst_of(every: int) -> int:
+    """Steps whose track is sampled together, where samples are `every` steps apart."""
+    return largest_divisor(every, BURST)
+
+
+class _Stepper:
+    """What `run` and `advance` repeat: a burst of steps, with what is summed up on the way."""
+
+    def __init__(
+        self, vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, x: State, dt: Scalar, settle: Scalar, burst: int,
+        reduce: tuple[str, ...], looped: bool,
+    ) -> None:  # fmt: skip
+        self.vehicle, self.damper, self.dt, self.settle, self.looped = vehicle, damper, dt, settle, looped
+        like = jnp.zeros((*layout(vehicle)["wheelset_y"], *x.shape[1:]), x.dtype)
+        self.inputs = _inputs(vehicle, speed, track, like, dt, burst)
+        self.slowness = None if isinstance(speed, SpeedProfile) else 1.0 / jnp.asarray(speed, x.dtype)
+        self.reductions = [parse_reduction(name) for name in reduce]
+
+    def instant(self, now: Inputs, x: State) -> Motion:
+        slowness = self.slowness if now.slowness is None else now.slowness
+        return motion(self.vehicle, self.damper, slowness, now.alignment, x)
+
+    def apart(self, x: State) -> list[Array]:
+        """q, q' and internal states each in an array of its own: then q' of a stage is also the rate of its q, and is never copied."""
+        count = size(self.vehicle)
+        return jax.lax.split(x, (count, count, x.shape[0] - 2 * count))
+
+    def start(self, x: State) -> list[Array]:
+        return self.apart(held(self.vehicle, self.damper, x))
+
+    def sample(self, record: tuple[str, ...], burst: Array, x: State) -> dict[str, Array]:
+        """Channels at the start of a burst."""
+        at_start = self.instant(jax.tree.map(lambda leaf: leaf[0, 0], self.inputs(burst)[0]), x)
+        return {name: CHANNELS[name].read(at_start) for name in record}
+
+    def steps(self, carry: Carry, burst: Array) -> Carry:
+        """A burst of steps. Reverse mode keeps x of every step and nothing else, and computes the stages again."""
+        return jax.lax.scan(jax.checkpoint(self._step, prevent_cse=False), carry, self.inputs(burst))[0]
+
+    def _step(self, carry: Carry, now: tuple[Inputs, Array]) -> tuple[Carry, None]:
+        inputs, time = now
+        counted = jnp.where(time >= self.settle, 1.0, 0.0).astype(time.dtype)
+
+        def stage(k: Any, parts: list[Array], sums: tuple[Array, ...]) -> tuple[list[Array], tuple[Array, ...]]:
+            at = self.instant(jax.tree.map(lambda leaf: leaf[(k + 1) // 2], inputs), jnp.concatenate(parts))
+            if self.looped or k == 0:
+                here = jnp.where(k == 0, counted, 0.0) if self.looped else counted
+                sums = tuple(
+                    _accumulate(how, total, CHANNELS[channel].read(at), here)
+                    for (how, channel), total in zip(self.reductions, sums, strict=True)
+                )
+            return self.apart(state_rate(self.vehicle, at)), sums
+
+        parts, sums = rk4(stage, *carry, self.dt, self.looped)
+        return (self.start(jnp.concatenate(parts)), sums), None
+
+    def zeros(self, x: State) -> tuple[Array, ...]:
+        shapes = (shape_of(channel, self.vehicle) for _, channel in self.reductions)
+        return tuple(jnp.zeros((*shape, *x.shape[1:]), x.dtype) for shape in shapes)
+
+    def totals(self, reduce: tuple[str, ...], sums: tuple[Array, ...], steps: Scalar, dtype: Any) -> dict[str, Array]:
+        counted = jnp.maximum(steps - jnp.ceil(self.settle / self.dt - 1e-9), 1.0).astype(dtype)
+        return {name: _finish(how, total, counted) for name, (how, _), total in zip(reduce, self.reductions, sums, strict=True)}
+
+
+def _within(parts: list[Array]) -> Bool[Array, "..."]:
+    """False for NaN as well."""
+    return jnp.max(jnp.abs(parts[0]), axis=0) < DIVERGED
 
 
 def run(
@@ -112,49 +205,20 @@ def run(
     settle: Scalar,
     plan: Plan,
 ) -> Run:
-    """Integrate from state x; every leaf may carry trailing lanes. `settle` seconds are left out of the reductions."""
-    like = jnp.zeros((*layout(vehicle)["wheelset_y"], *x.shape[1:]), x.dtype)
-    count = size(vehicle)
-    burst = largest_divisor(plan.every, BURST)
+    """Integrate from state x; every leaf may carry trailing lanes. `settle` seconds are left out of the reductions.
+
+    For what is transformed: differentiable in reverse mode, a length compiled on its own.
+    """
+    burst = burst_of(plan.every)
     bursts = plan.every // burst
-    inputs = _inputs(vehicle, speed, track, like, dt, burst)
-    slowness = None if isinstance(speed, SpeedProfile) else 1.0 / jnp.asarray(speed, x.dtype)
-    reductions = [parse_reduction(name) for name in plan.reduce]
-
-    def instant(now: Inputs, x: State) -> Motion:
-        return motion(vehicle, damper, slowness if now.slowness is None else now.slowness, now.alignment, x)
-
-    # q, q' and internal states each in an array of its own: then q' of a stage is also the rate of its q, and is never copied
-    def apart(x: State) -> list[Array]:
-        return jax.lax.split(x, (count, count, x.shape[0] - 2 * count))
-
-    whole = jnp.concatenate
-
-    def rate(now: Inputs, parts: list[Array]) -> list[Array]:
-        return apart(state_rate(vehicle, instant(now, whole(parts))))
-
-    # reverse mode keeps x of every step and nothing else, and computes the stages again
-    @functools.partial(jax.checkpoint, prevent_cse=False)
-    def step(carry: Carry, now: tuple[Inputs, Inputs, Inputs, Array]) -> tuple[Carry, None]:
-        parts, sums = carry
-        start, mid, end, time = now
-        at_start = instant(start, whole(parts))
-        counted = jnp.where(time >= settle, 1.0, 0.0).astype(x.dtype)
-        sums = tuple(
-            _accumulate(how, total, CHANNELS[channel].read(at_start), counted)
-            for (how, channel), total in zip(reductions, sums, strict=True)
-        )
-        parts = rk4(rate, parts, apart(state_rate(vehicle, at_start)), dt, mid, end)
-        return (apart(held(vehicle, damper, whole(parts))), sums), None
+    stepper = _Stepper(vehicle, damper, speed, track, x, dt, settle, burst, plan.reduce, looped=False)
 
     def several_steps(carry: Carry, index: Array) -> tuple[Carry, None]:
-        return jax.lax.scan(step, carry, inputs(index))[0], None
+        return stepper.steps(carry, index), None
 
     def sample(carry: Carry, index: Array) -> tuple[Carry, tuple[dict[str, Array], Array]]:
-        x = whole(carry[0])
-        at_start = instant(_first(inputs(index * bursts)), x)
-        record = {name: CHANNELS[name].read(at_start) for name in plan.record}
-        within = jnp.max(jnp.abs(carry[0][0]), axis=0) < DIVERGED  # False for NaN as well
+        record = stepper.sample(plan.record, index * bursts, jnp.concatenate(carry[0])) if plan.record else {}
+        within = _within(carry[0])
         carry, _ = jax.lax.scan(several_steps, carry, index * bursts + jnp.arange(bursts))
         return carry, (record, ~within)
 
@@ -166,30 +230,81 @@ def run(
     # two levels of about the same length, so that reverse mode keeps only the square root of the samples
     per_block = largest_divisor(plan.samples, max(1, isqrt(plan.samples)))
     indices = jnp.arange(plan.samples).reshape(-1, per_block)
-    here = jax.eval_shape(lambda: instant(_first(inputs(jnp.array(0))), x))
-    zeros = tuple(
-        jnp.zeros(shape.shape, shape.dtype)
-        for shape in (jax.eval_shape(CHANNELS[channel].read, here) for _, channel in reductions)
-    )
-    (parts, sums), (records, outside) = jax.lax.scan(block, (apart(held(vehicle, damper, x)), zeros), indices)
+    (parts, sums), (records, outside) = jax.lax.scan(block, (stepper.start(x), stepper.zeros(x)), indices)
     records = {name: value.reshape((plan.samples, *value.shape[2:])) for name, value in records.items()}
-
-    steps = plan.samples * plan.every
-    counted = jnp.maximum(steps - jnp.ceil(settle / dt - 1e-9), 1.0).astype(x.dtype)
-    totals = {name: _finish(how, total, counted) for name, (how, _), total in zip(plan.reduce, reductions, sums, strict=True)}
-    within = jnp.max(jnp.abs(parts[0]), axis=0) < DIVERGED
-    return Run(records, totals, whole(parts), jnp.any(outside, axis=(0, 1)) | ~within)
+    totals = stepper.totals(plan.reduce, sums, plan.samples * plan.every, x.dtype)
+    return Run(records, totals, jnp.concatenate(parts), jnp.any(outside, axis=(0, 1)) | ~_within(parts))
 
 
-Carry = tuple[list[Array], tuple[Array, ...]]
+def advance(
+    vehicle: Vehicle,
+    damper: Damper,
+    speed: Speed,
+    track: Track,
+    progress: Progress,
+    dt: Scalar,
+    settle: Scalar,
+    first: Int[Array, ""],
+    count: Int[Array, ""],
+    bursts: Int[Array, ""],
+    block: Block,
+) -> tuple[Run, Progress]:
+    """`run` from the sample `first` on for `count` samples, `bursts` bursts apart: of any length, but without a reverse mode.
+
+    The records have room for `block.samples`, of which the first `count` are filled.
+    """
+    x = progress.x
+    stepper = _Stepper(vehicle, damper, speed, track, x, dt, settle, block.burst, block.reduce, looped=x.ndim == 1)
+
+    def sample(i: Array, carry: tuple[Carry, Array, dict[str, Array]]) -> tuple[Carry, Array, dict[str, Array]]:
+        (parts, sums), diverged, records = carry
+        index, x = (first + i) * bursts, jnp.concatenate(parts)
+        now = {STATES: x} if block.record is None else stepper.sample(block.record, index, x) if block.record else {}
+        records = {name: jax.lax.dynamic_update_index_in_dim(records[name], now[name], i, 0) for name in records}
+        after = jax.lax.fori_loop(index, index + bursts, lambda burst, carry: stepper.steps(carry, burst), (parts, sums))
+        return after, diverged | ~_within(parts), records
+
+    shapes = {STATES: x.shape[:1]} if block.record is None else {name: shape_of(name, vehicle) for name in block.record}
+    records = {name: jnp.zeros((block.samples, *shape, *x.shape[1:]), x.dtype) for name, shape in shapes.items()}
+    start = (stepper.start(x), progress.sums), progress.diverged, records
+    (parts, sums), diverged, records = jax.lax.fori_loop(0, count, sample, start)
+    totals = stepper.totals(block.reduce, sums, (first + count) * bursts * block.burst, x.dtype)
+    x, diverged = jnp.concatenate(parts), diverged | ~_within(parts)
+    return Run(records, totals, x, diverged), Progress(x, sums, diverged)
+
+
+def read(
+    vehicle: Vehicle,
+    damper: Damper,
+    speed: Speed,
+    track: Track,
+    states: Float[Array, "samples states *lanes"],
+    dt: Scalar,
+    first: Int[Array, ""],
+    count: Int[Array, ""],
+    every: Int[Array, ""],
+) -> Float[Array, "samples rows *lanes"]:
+    """All channels that are not coordinates or rates, one below the other in the order of `channels.of_motion`, at the samples from
+    `first` on, `every` steps apart; the first `count` of them are read, each as `run` would have done."""
+    names = of_motion(vehicle)
+    stepper = _Stepper(vehicle, damper, speed, track, states[0], dt, 0.0, 1, (), looped=True)
+
+    def sample(i: Array, rows: Array) -> Array:
+        found = stepper.sample(names, (first + i) * every, states[i])
+        lanes = states.shape[2:]
+        now = jnp.concatenate([jnp.broadcast_to(found[n], (*shape_of(n, vehicle), *lanes)).reshape((-1, *lanes)) for n in names])
+        return jax.lax.dynamic_update_index_in_dim(rows, now, i, 0)
+
+    height = sum(math.prod(shape_of(name, vehicle)) for name in names)
+    return jax.lax.fori_loop(0, count, sample, jnp.zeros((states.shape[0], height, *states.shape[2:]), states.dtype))
+
 
 #: what reverse mode may keep of a run, bytes; beyond that it keeps blocks of steps and computes the steps again (20 % slower)
 KEPT_BYTES = 2**26
 
 
-def _first(inputs: tuple[Inputs, Inputs, Inputs, Array]) -> Inputs:
-    return jax.tree.map(lambda leaf: leaf[0], inputs[0])
-
+#: name of the states among the records
+STATES = "states"
 
 #: metres or radians beyond which the small displacements of the model have lost their meaning
 DIVERGED = 1.0
@@ -209,8 +324,10 @@ def _finish(how: str, total: Array, count: Array) -> Array:
 
 def _inputs(
     vehicle: Vehicle, speed: Speed, track: Track, like: Float[Array, "n m *lanes"], dt: Scalar, burst: int
-) -> Callable[[Array], tuple[Inputs, Inputs, Inputs, Array]]:
-    """Track and speed over the steps of a burst: at the start, the middle and the end of each, and the time of its start."""
+) -> Callable[[Array], tuple[Inputs, Array]]:
+    """Track and speed over the steps of a burst: at the start, the middle and the end of each, and the time of its start.
+
+    Leaves have the shape (burst, 3, ...)."""
     positions = wheelset_positions(vehicle, like)
     halves = 0.5 * jnp.arange(2 * burst + 1, dtype=like.dtype)
     varying = isinstance(speed, SpeedProfile)
@@ -228,13 +345,10 @@ def _inputs(
         alignment = seen(jnp.asarray(speed * (index * burst * dt), like.dtype))
         return Inputs(jnp.broadcast_to(alignment, (2 * burst + 1, *like.shape)), None)
 
-    def inputs(index: Array) -> tuple[Inputs, Inputs, Inputs, Array]:
-        now = sampled(index)
-        start, mid, end = (
-            jax.tree.map(lambda leaf, part=part: leaf[part], now)
-            for part in (slice(0, -1, 2), slice(1, None, 2), slice(2, None, 2))
-        )
-        return start, mid, end, ((index * burst + jnp.arange(burst)) * dt).astype(like.dtype)
+    def inputs(index: Array) -> tuple[Inputs, Array]:
+        parts = slice(0, -1, 2), slice(1, None, 2), slice(2, None, 2)
+        of_steps = jax.tree.map(lambda leaf: jnp.stack([leaf[part] for part in parts], axis=1), sampled(index))
+        return of_steps, ((index * burst + jnp.arange(burst)) * dt).astype(like.dtype)
 
     return inputs
 
@@ -247,32 +361,60 @@ def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: Scalar
     within and beyond the corners of the other elements (`extremes`) and of the damper (`damper_extremes`). Gelfand: |E^(2^k)|^(1/2^k) by repeated squaring, so that
     it runs in a batch and on any device.
     """
-    cases = itertools.product(extremes(vehicle), damper_extremes(vehicle, damper), (False, True))
-    matrices = [state_matrix(one, speed, law, flange=flange) for one, law, flange in cases]
+    matrices = [state_matrix(one, speed, law, flange=flange) for one, law, flange in _extremes(vehicle, damper)]
     largest = max(len(matrix) for matrix in matrices)
     matrices = [jnp.pad(matrix, (0, largest - len(matrix))) for matrix in matrices]  # laws differ in their internal states
     matrix, enough = jax.lax.stop_gradient((jnp.stack(matrices), enough))
-    n = size(vehicle)
-    scale = jnp.where(jnp.arange(matrix.shape[-1]) < n, 100.0, 1.0)  # displacements against velocities: about the rates
+    return _radius(matrix, size(vehicle), enough)
+
+
+def fastest_rate_on_host(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: float = 0.0) -> float:
+    """`fastest_rate` of one vehicle of known numbers, by NumPy from compiled state matrices."""
+    rates = []
+    for one, law, flange in _extremes(vehicle, damper):
+        one, at, law = as_numbers((one, speed, law))
+        matrix = rate_matrix_on_host(one, at, law, flange)
+        with np.errstate(all="ignore"):
+            rates.append(float(_radius(matrix[None], size(vehicle), enough)))
+    return max(rates)
+
+
+def _extremes(vehicle: Vehicle, damper: Damper) -> Iterator[tuple[Vehicle, Damper, bool]]:
+    return itertools.product(extremes(vehicle), damper_extremes(vehicle, damper), (False, True))
+
+
+def _radius(matrix: Any, n: int, enough: Scalar) -> Any:
+    """The largest spectral radius of matrices, (k, states, states), by NumPy or JAX as they are."""
+    host = isinstance(matrix, np.ndarray)
+    xp: Any = np if host else jnp
+    scale = np.where(np.arange(matrix.shape[-1]) < n, 100.0, 1.0).astype(
+        matrix.dtype
+    )  # displacements against velocities: about the rates
     matrix = matrix * (scale[:, None] / scale)
 
-    def norm(power: Float[Array, "k states states"]) -> Float[Array, "k 1 1"]:
-        return jnp.sqrt(jnp.sum(power**2, axis=(-2, -1), keepdims=True))
+    def norm(power: Any) -> Any:
+        return xp.sqrt(xp.sum(power**2, axis=(-2, -1), keepdims=True))
 
-    def bound(power: Array, logarithm: Array, doublings: Array) -> Array:
-        return jnp.max(jnp.exp((logarithm + jnp.log(norm(power))) / 2.0**doublings))
+    def bound(power: Any, logarithm: Any, doublings: Any) -> Any:
+        return xp.max(xp.exp((logarithm + xp.log(norm(power))) / 2.0**doublings))
 
-    def square(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    def square(carry: tuple) -> tuple:
         power, logarithm, doublings = carry
         size_now = norm(power)
         power = (power / size_now) @ (power / size_now)
-        return power, 2.0 * (logarithm + jnp.log(size_now)), doublings + 1
+        return power, 2.0 * (logarithm + xp.log(size_now)), doublings + 1
 
-    def loose(carry: tuple[Array, Array, Array]) -> Array:
+    def loose(carry: tuple) -> Any:
         return (carry[2] < 10) & (bound(*carry) > enough)
 
-    rate = bound(*jax.lax.while_loop(loose, square, (matrix, jnp.zeros((len(matrices), 1, 1), matrix.dtype), jnp.array(0))))
-    return jnp.where(jnp.isnan(rate), jnp.inf, rate)  # a norm that overflows
+    carry = matrix, xp.zeros((len(matrix), 1, 1), matrix.dtype), xp.asarray(0)
+    if host:
+        while loose(carry):
+            carry = square(carry)
+    else:
+        carry = jax.lax.while_loop(loose, square, carry)
+    rate = bound(*carry)
+    return xp.where(xp.isnan(rate), xp.inf, rate)  # a norm that overflows
 
 
 @jax.jit

@@ -1,0 +1,174 @@
+"""Runs of known numbers, block by block: compiled once for each kind of vehicle, damper and track, whatever the length of the run and
+what is read off it.
+
+A compiled block takes up to some number of samples further and leaves the states; `Sampled` reads channels off them afterwards.
+"""
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from .channels import CHANNELS, of_motion, rows_of_state, shape_of
+from .integrate import STATES, Block, Plan, Progress, Run, advance, burst_of, parse_reduction, read
+from .kernels import one_kernel
+from .lanes import chunk_for, over_lanes, own_axes
+from .speed_profile import SpeedProfile
+from .vehicle import structure
+
+#: samples of a block, the same for runs of any length; of a batch fewer, as many as take `ROOM` bytes
+SAMPLES = 1024
+ROOM = 2**24
+#: bytes of states that a run alone keeps, and a batch; where they are more, only what `record` names is kept
+KEPT_ALONE, KEPT_TOGETHER = 2**28, 2**24
+
+
+def parameter_axes(vehicle: Any, damper: Any, speed: Any, track: Any) -> tuple:
+    """Axes of their own, before lanes, of the leaves of each."""
+    of_speed = jax.tree.map(lambda _: 1, speed) if isinstance(speed, SpeedProfile) else 0
+    return own_axes(vehicle), own_axes(damper), of_speed, own_axes(track)
+
+
+def lane_shape(tree: Any, axes: Any) -> tuple[int, ...]:
+    """() of one run, (lanes,) where a leaf has lanes."""
+    shapes = [jnp.shape(leaf)[own:] for leaf, own in zip(jax.tree.leaves(tree), jax.tree.leaves(axes), strict=True)]
+    return jnp.broadcast_shapes(*shapes) if shapes else ()
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Sampled:
+    """The states of a finished run and all that its channels follow from."""
+
+    parameters: tuple  # vehicle, damper, speed, track
+    states: Float[np.ndarray | jax.Array, "samples states ..."]
+    dt: Any  # s
+    every: Any  # steps from sample to sample
+    begin: Any = 0  # number of the first sample
+    chunk: int = structure(0)
+
+    def channels(self, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+        """Histories by name, (samples, ...); wheelsets as one axis."""
+        states, vehicle = np.asarray(self.states), self.parameters[0]
+        in_state, others = rows_of_state(vehicle), of_motion(vehicle)
+        found = {name: states[:, in_state[name]] for name in names if name in in_state}
+        if len(found) < len(set(names)):
+            heights = [math.prod(shape_of(name, vehicle)) for name in others]
+            starts = np.cumsum([0, *heights])
+            rows = self._rows(states)
+            found |= {name: rows[:, start : start + height] for name, start, height in zip(others, starts, heights, strict=False)}
+        return {name: found[name] if shape_of(name, vehicle) else found[name][:, 0] for name in names}
+
+    def _rows(self, states: np.ndarray) -> np.ndarray:
+        lanes = states.shape[2] if states.ndim > 2 else None
+        room = room_for(states[0].nbytes, lanes)
+        pieces = []
+        for first in range(0, len(states), room):
+            piece = states[first : first + room]
+            filled = np.concatenate([piece, np.zeros((room - len(piece), *piece.shape[1:]), piece.dtype)])
+            numbers = np.asarray(first + int(self.begin)), np.asarray(len(piece)), np.asarray(int(self.every))
+            trees = (*self.parameters, filled, np.asarray(self.dt, states.dtype), *numbers)
+            axes = (*parameter_axes(*self.parameters), 2, 0, 0, 0, 0)
+            rows = _read_alone(trees) if lanes is None else over_lanes(_read, trees, axes, lanes, self.chunk, spread=True)
+            pieces.append(np.asarray(rows)[: len(piece)])
+        return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
+
+
+def _read(trees: tuple) -> jax.Array:
+    return read(*trees)
+
+
+_read_alone = jax.jit(one_kernel(_read))
+
+
+def room_for(bytes_of_sample: int, lanes: int | None) -> int:
+    """Samples of a block."""
+    if lanes is None:
+        return SAMPLES
+    return int(np.clip(2 ** int(np.log2(ROOM / max(bytes_of_sample, 1))), 16, SAMPLES))
+
+
+@functools.cache
+def _block(block: Block) -> Callable[[tuple], tuple[Run, Progress]]:
+    """One run, or all lanes of a chunk together; the same object for the same block."""
+
+    def function(trees: tuple) -> tuple[Run, Progress]:
+        *parameters, progress, dt, settle, first, count, bursts = trees
+        shape = progress.diverged.shape
+        x = progress.x
+        progress = progress._replace(
+            x=jnp.broadcast_to(x.reshape(x.shape + (1,) * (len(shape) + 1 - x.ndim)), (x.shape[0], *shape))
+        )
+        return advance(*parameters, progress, dt, settle, first, count, bursts, block)
+
+    return function
+
+
+@functools.cache
+def _block_alone(block: Block) -> Callable[[tuple], tuple[Run, Progress]]:
+    return jax.jit(one_kernel(_block(block)))
+
+
+def finished(
+    parameters: tuple, x: np.ndarray, dt: float, settle: float, plan: Plan, lanes: int | None, chunk: int | None
+) -> tuple[Run, Sampled | None]:
+    """The run of `parameters` (vehicle, damper, speed, track: trees of arrays) from the state x, and its states where they are kept."""
+    vehicle, dtype = parameters[0], x.dtype
+    chunk = chunk_for(dtype) if chunk is None else chunk
+    burst = burst_of(plan.every)
+    along = () if lanes is None else (lanes,)
+    bytes_of_states = x.shape[0] * math.prod(along) * dtype.itemsize
+    kept = plan.samples * bytes_of_states <= (KEPT_ALONE if lanes is None else KEPT_TOGETHER)
+    record = None if kept or lanes is None else plan.record
+    rows = x.shape[0] if record is None else sum(math.prod(shape_of(name, vehicle)) for name in record)
+    room = room_for(rows * math.prod(along) * dtype.itemsize, lanes) if rows else plan.samples
+    block = Block(room if rows else 0, burst, record, plan.reduce)
+
+    sums = tuple(np.zeros((*shape_of(parse_reduction(name)[1], vehicle), *along), dtype) for name in plan.reduce)
+    progress = Progress(x, sums, np.zeros(along, bool))
+    axes = (*parameter_axes(*parameters), Progress(1, tuple(s.ndim - len(along) for s in sums), 0), 0, 0, 0, 0, 0)
+    dt, settle = np.asarray(dt, dtype), np.asarray(settle, dtype)
+    pieces: list[dict[str, np.ndarray]] = []
+    states: list[np.ndarray] = []
+    for first in range(0, plan.samples, room):
+        count = min(room, plan.samples - first)
+        trees = (*parameters, progress, dt, settle, np.asarray(first), np.asarray(count), np.asarray(plan.every // burst))
+        if lanes is None:
+            run, progress = _block_alone(block)(trees)
+        else:
+            run, progress = over_lanes(_block(block), trees, axes, lanes, chunk, spread=True)
+            progress = jax.tree.map(np.asarray, progress)  # as it began: without a sharding that would compile anew
+        now = {name: np.asarray(values)[:count] for name, values in run.records.items()}
+        if record is None:
+            states.append(now[STATES])
+            if not kept:
+                here = Sampled(parameters, states.pop(), dt, plan.every, first, chunk)
+                now = here.channels(plan.record)
+        pieces.append(now)
+    sampled = None
+    if kept and record is None:
+        sampled = Sampled(parameters, states[0] if len(states) == 1 else np.concatenate(states), dt, plan.every, 0, chunk)
+        records = sampled.channels(plan.record)
+    else:
+        records = {name: np.concatenate([piece[name] for piece in pieces]) for name in plan.record}
+    return wheelsets_flat(run._replace(records=records), len(along)), sampled
+
+
+def wheelsets_flat(result: Run, lanes: int) -> Run:
+    """Records and reductions with wheelsets (n, m) as one axis n·m; what has it already stays."""
+
+    def flat(name: str, values: Any, lead: int) -> Any:
+        channel = name.rpartition(":")[2]
+        if CHANNELS[channel].part != "wheelset":
+            return values
+        return values.reshape((*values.shape[:lead], -1, *values.shape[values.ndim - lanes :]))
+
+    records = {name: flat(name, values, 1) for name, values in result.records.items()}
+    reductions = {name: flat(name, values, 0) for name, values in result.reductions.items()}
+    return result._replace(records=records, reductions=reductions)
