@@ -185,7 +185,7 @@ class _Stepper:
         shapes = (shape_of(channel, self.vehicle) for _, channel in self.reductions)
         return tuple(jnp.zeros((*shape, *x.shape[1:]), x.dtype) for shape in shapes)
 
-    def totals(self, reduce: tuple[str, ...], sums: tuple[Array, ...], steps: Scalar, dtype: Any) -> dict[str, Array]:
+    def totals(self, reduce: tuple[str, ...], sums: tuple[Array, ...], steps: int | Int[Array, ""], dtype: Any) -> dict[str, Array]:
         counted = jnp.maximum(steps - jnp.ceil(self.settle / self.dt - 1e-9), 1.0).astype(dtype)
         return {name: _finish(how, total, counted) for name, (how, _), total in zip(reduce, self.reductions, sums, strict=True)}
 
