@@ -20,13 +20,13 @@ from .integrate import STATES, Block, Plan, Progress, Run, advance, burst_of, pa
 from .kernels import one_kernel
 from .lanes import chunk_for, over_lanes, own_axes
 from .speed_profile import SpeedProfile
-from .vehicle import structure
+from .vehicle import Packed, structure
 
-#: samples of a block, the same for runs of any length; of a batch fewer, as many as take `ROOM` bytes
-SAMPLES = 1024
-ROOM = 2**24
+#: samples of a block, the same for runs of any length; of a batch fewer, what takes about `ROOM` bytes
+FEWEST_SAMPLES, SAMPLES = 64, 1024
+ROOM = 2**20
 #: bytes of states that a run alone keeps, and a batch; where they are more, only what `record` names is kept
-KEPT_ALONE, KEPT_TOGETHER = 2**28, 2**24
+KEPT_ALONE, KEPT_TOGETHER = 2**28, 2**20
 
 
 def parameter_axes(vehicle: Any, damper: Any, speed: Any, track: Any) -> tuple:
@@ -50,48 +50,71 @@ class Sampled:
     states: Float[np.ndarray | jax.Array, "samples states ..."]
     dt: Any  # s
     every: Any  # steps from sample to sample
-    begin: Any = 0  # number of the first sample
     chunk: int = structure(0)
 
     def channels(self, names: tuple[str, ...]) -> dict[str, np.ndarray]:
         """Histories by name, (samples, ...); wheelsets as one axis."""
-        states, vehicle = np.asarray(self.states), self.parameters[0]
-        in_state, others = rows_of_state(vehicle), of_motion(vehicle)
-        found = {name: states[:, in_state[name]] for name in names if name in in_state}
-        if len(found) < len(set(names)):
-            heights = [math.prod(shape_of(name, vehicle)) for name in others]
-            starts = np.cumsum([0, *heights])
-            rows = self._rows(states)
-            found |= {name: rows[:, start : start + height] for name, start, height in zip(others, starts, heights, strict=False)}
-        return {name: found[name] if shape_of(name, vehicle) else found[name][:, 0] for name in names}
-
-    def _rows(self, states: np.ndarray) -> np.ndarray:
-        lanes = states.shape[2] if states.ndim > 2 else None
-        room = room_for(states[0].nbytes, lanes)
+        lanes = self.states.shape[2] if self.states.ndim > 2 else None
+        room = room_for(self.states[0].nbytes, lanes)
         pieces = []
-        for first in range(0, len(states), room):
-            piece = states[first : first + room]
+        for first in range(0, len(self.states), room):
+            piece = self.states[first : first + room]
             filled = np.concatenate([piece, np.zeros((room - len(piece), *piece.shape[1:]), piece.dtype)])
-            numbers = np.asarray(first + int(self.begin)), np.asarray(len(piece)), np.asarray(int(self.every))
-            trees = (*self.parameters, filled, np.asarray(self.dt, states.dtype), *numbers)
-            axes = (*parameter_axes(*self.parameters), 2, 0, 0, 0, 0)
-            rows = _read_alone(trees) if lanes is None else over_lanes(_read, trees, axes, lanes, self.chunk, spread=True)
-            pieces.append(np.asarray(rows)[: len(piece)])
-        return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
+            pieces.append(channels_of(self.parameters, names, filled, self.dt, first, len(piece), self.every, self.chunk))
+        return joined(pieces)
+
+
+def channels_of(
+    parameters: tuple,
+    names: tuple[str, ...],
+    states: Any,
+    dt: np.ndarray,
+    first: int,
+    count: int,
+    every: int,
+    chunk: int,
+) -> dict[str, np.ndarray]:
+    """Channels of the first `count` states of a block whose samples are numbered from `first`."""
+    vehicle = parameters[0]
+    in_state, others = rows_of_state(vehicle), of_motion(vehicle)
+    here = np.asarray(states)[:count]
+    found = {name: here[:, in_state[name]] for name in names if name in in_state}
+    if len(found) < len(set(names)):
+        numbers = dt, np.asarray(first), np.asarray(count), np.asarray(int(every))
+        if states.ndim == 2:
+            rows = _read_alone(Packed.of(parameters), states, *numbers)
+        else:
+            axes = (*parameter_axes(*parameters), 2, 0, 0, 0, 0)
+            rows = over_lanes(_read, (*parameters, states, *numbers), axes, states.shape[2], chunk, spread=True)
+        rows = np.asarray(rows)[:count]
+        heights = [math.prod(shape_of(name, vehicle)) for name in others]
+        starts = np.cumsum([0, *heights])
+        found |= {name: rows[:, start : start + height] for name, start, height in zip(others, starts, heights, strict=False)}
+    return {name: found[name] if shape_of(name, vehicle) else found[name][:, 0] for name in names}
+
+
+def joined(pieces: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Histories one after the other."""
+    if len(pieces) == 1:
+        return pieces[0]
+    return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
 
 
 def _read(trees: tuple) -> jax.Array:
     return read(*trees)
 
 
-_read_alone = jax.jit(one_kernel(_read))
+@jax.jit
+@one_kernel
+def _read_alone(packed: Packed, *rest: Any) -> jax.Array:
+    return read(*packed.unpacked(), *rest)
 
 
 def room_for(bytes_of_sample: int, lanes: int | None) -> int:
     """Samples of a block."""
     if lanes is None:
         return SAMPLES
-    return int(np.clip(2 ** int(np.log2(ROOM / max(bytes_of_sample, 1))), 16, SAMPLES))
+    return int(np.clip(2 ** int(np.log2(ROOM / max(bytes_of_sample, 1))), FEWEST_SAMPLES, SAMPLES))
 
 
 @functools.cache
@@ -111,8 +134,8 @@ def _block(block: Block) -> Callable[[tuple], tuple[Run, Progress]]:
 
 
 @functools.cache
-def _block_alone(block: Block) -> Callable[[tuple], tuple[Run, Progress]]:
-    return jax.jit(one_kernel(_block(block)))
+def _block_alone(block: Block) -> Callable[..., tuple[Run, Progress]]:
+    return jax.jit(one_kernel(lambda packed, *rest: _block(block)((*packed.unpacked(), *rest))))
 
 
 def finished(
@@ -132,32 +155,32 @@ def finished(
 
     sums = tuple(np.zeros((*shape_of(parse_reduction(name)[1], vehicle), *along), dtype) for name in plan.reduce)
     progress = Progress(x, sums, np.zeros(along, bool))
-    axes = (*parameter_axes(*parameters), Progress(1, tuple(s.ndim - len(along) for s in sums), 0), 0, 0, 0, 0, 0)
     dt, settle = np.asarray(dt, dtype), np.asarray(settle, dtype)
-    pieces: list[dict[str, np.ndarray]] = []
-    states: list[np.ndarray] = []
+    if lanes is None:
+        work = functools.partial(_block_alone(block), Packed.of(parameters))
+    else:
+        axes = (*parameter_axes(*parameters), Progress(1, tuple(s.ndim - 1 for s in sums), 0), 0, 0, 0, 0, 0)
+
+        def work(*rest: Any) -> tuple[Run, Progress]:
+            return over_lanes(_block(block), (*parameters, *rest), axes, lanes, chunk, spread=True)
+
+    pieces, states = [], []
     for first in range(0, plan.samples, room):
         count = min(room, plan.samples - first)
-        trees = (*parameters, progress, dt, settle, np.asarray(first), np.asarray(count), np.asarray(plan.every // burst))
-        if lanes is None:
-            run, progress = _block_alone(block)(trees)
-        else:
-            run, progress = over_lanes(_block(block), trees, axes, lanes, chunk, spread=True)
-            progress = jax.tree.map(np.asarray, progress)  # as it began: without a sharding that would compile anew
-        now = {name: np.asarray(values)[:count] for name, values in run.records.items()}
+        run, progress = work(progress, dt, settle, np.asarray(first), np.asarray(count), np.asarray(plan.every // burst))
+        if first + count < plan.samples:
+            progress = jax.tree.map(np.asarray, progress)  # as it began: not spread over devices, which would compile anew
         if record is None:
-            states.append(now[STATES])
-            if not kept:
-                here = Sampled(parameters, states.pop(), dt, plan.every, first, chunk)
-                now = here.channels(plan.record)
-        pieces.append(now)
+            here = run.records[STATES]
+            pieces.append(channels_of(parameters, plan.record, here, dt, first, count, plan.every, chunk))
+            states += [np.asarray(here)[:count]] if kept else []
+        else:
+            pieces.append({name: np.asarray(values)[:count] for name, values in run.records.items()})
     sampled = None
-    if kept and record is None:
-        sampled = Sampled(parameters, states[0] if len(states) == 1 else np.concatenate(states), dt, plan.every, 0, chunk)
-        records = sampled.channels(plan.record)
-    else:
-        records = {name: np.concatenate([piece[name] for piece in pieces]) for name in plan.record}
-    return wheelsets_flat(run._replace(records=records), len(along)), sampled
+    if states:
+        together = states[0] if len(states) == 1 else np.concatenate(states)
+        sampled = Sampled(parameters, together, dt, plan.every, chunk)
+    return wheelsets_flat(run._replace(records=joined(pieces)), len(along)), sampled
 
 
 def wheelsets_flat(result: Run, lanes: int) -> Run:

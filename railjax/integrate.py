@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from math import isqrt
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from .dampers import Damper, damper_extremes
 from .deflections import layout, size, wheelset_positions
 from .elements import extremes
 from .kernels import fence
-from .motion import Motion, held, motion, rate_matrix_on_host, state_matrix, state_rate
+from .motion import Motion, held, motion, state_matrices, state_matrix, state_rate
 from .smooth import sqrt_of_square
 from .speed_profile import Speed, SpeedProfile
 from .track import Track
@@ -185,7 +185,9 @@ class _Stepper:
         shapes = (shape_of(channel, self.vehicle) for _, channel in self.reductions)
         return tuple(jnp.zeros((*shape, *x.shape[1:]), x.dtype) for shape in shapes)
 
-    def totals(self, reduce: tuple[str, ...], sums: tuple[Array, ...], steps: int | Int[Array, ""], dtype: Any) -> dict[str, Array]:
+    def totals(
+        self, reduce: tuple[str, ...], sums: tuple[Array, ...], steps: int | Int[Array, ""], dtype: Any
+    ) -> dict[str, Array]:
         counted = jnp.maximum(steps - jnp.ceil(self.settle / self.dt - 1e-9), 1.0).astype(dtype)
         return {name: _finish(how, total, counted) for name, (how, _), total in zip(reduce, self.reductions, sums, strict=True)}
 
@@ -361,7 +363,8 @@ def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: Scalar
     within and beyond the corners of the other elements (`extremes`) and of the damper (`damper_extremes`). Gelfand: |E^(2^k)|^(1/2^k) by repeated squaring, so that
     it runs in a batch and on any device.
     """
-    matrices = [state_matrix(one, speed, law, flange=flange) for one, law, flange in _extremes(vehicle, damper)]
+    cases = itertools.product(extremes(vehicle), damper_extremes(vehicle, damper), (False, True))
+    matrices = [state_matrix(one, speed, law, flange=flange) for one, law, flange in cases]
     largest = max(len(matrix) for matrix in matrices)
     matrices = [jnp.pad(matrix, (0, largest - len(matrix))) for matrix in matrices]  # laws differ in their internal states
     matrix, enough = jax.lax.stop_gradient((jnp.stack(matrices), enough))
@@ -370,17 +373,10 @@ def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: Scalar
 
 def fastest_rate_on_host(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: float = 0.0) -> float:
     """`fastest_rate` of one vehicle of known numbers, by NumPy from compiled state matrices."""
-    rates = []
-    for one, law, flange in _extremes(vehicle, damper):
-        one, at, law = as_numbers((one, speed, law))
-        matrix = rate_matrix_on_host(one, at, law, flange)
-        with np.errstate(all="ignore"):
-            rates.append(float(_radius(matrix[None], size(vehicle), enough)))
-    return max(rates)
-
-
-def _extremes(vehicle: Vehicle, damper: Damper) -> Iterator[tuple[Vehicle, Damper, bool]]:
-    return itertools.product(extremes(vehicle), damper_extremes(vehicle, damper), (False, True))
+    cases = itertools.product(extremes(vehicle), damper_extremes(vehicle, damper))
+    matrices = [state_matrices(*as_numbers((one, speed, law))) for one, law in cases]
+    with np.errstate(all="ignore"):
+        return float(max(_radius(both, size(vehicle), enough) for both in matrices))
 
 
 def _radius(matrix: Any, n: int, enough: Scalar) -> Any:

@@ -19,7 +19,7 @@ from .deflections import Groups, damper_point, deflections, join, size, split, t
 from .elements import bump_stop_force, yaw_damper_force, yaw_damper_states
 from .kernels import fence, one_kernel
 from .typing import Scalar
-from .vehicle import Vehicle, without_labels
+from .vehicle import Packed, Vehicle, without_labels
 
 #: F_d of eq. (1): the vehicle's own rho_cy
 PASSIVE = PassiveDamper()
@@ -279,12 +279,15 @@ def _rate_matrix(
     return linearised(vehicle, speed, damper, functools.partial(state_rate, vehicle), flange=flange)
 
 
-_rate_matrix_alone = jax.jit(one_kernel(_rate_matrix))
+@jax.jit
+@one_kernel
+def _rate_matrices(packed: Packed) -> Float[Array, "2 states columns"]:
+    return jax.lax.map(functools.partial(_rate_matrix, *packed.unpacked()), jnp.array([False, True]))
 
 
-def rate_matrix_on_host(vehicle: Vehicle, speed: Scalar, damper: Damper, flange: bool) -> Float[np.ndarray, "states states"]:
-    """`state_matrix` of one vehicle of known numbers, `as_numbers`: one small program for all of its kind."""
-    return np.asarray(_rate_matrix_alone(vehicle, speed, damper, flange))[:, : state_size(vehicle, damper)]
+def state_matrices(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[np.ndarray, "2 states states"]:
+    """`state_matrix` without and with the flanges in contact, of known numbers (`as_numbers`): one small program for all of a kind."""
+    return np.asarray(_rate_matrices(Packed.of((vehicle, speed, damper))))[:, :, : state_size(vehicle, damper)]
 
 
 class Matrices(NamedTuple):

@@ -71,16 +71,15 @@ def simulate(
     run = _traced if traced else _known
     result, code, sampled = run(parameters, x, dt, settle, plan, chunk)
     time, step = jax.device_put((np.arange(plan.samples) * (plan.every * dt), np.asarray(dt)))
-    return Simulation(
-        time, result.records, result.reductions, result.final, code, speed, step, sampled, vehicle.name
-    )
+    return Simulation(time, result.records, result.reductions, result.final, code, speed, step, sampled, vehicle.name)
 
 
 def _known(parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, chunk: int) -> tuple[Run, Array, Sampled | None]:
     """Numbers that are known: what need not be compiled is done by NumPy."""
     vehicle, damper, speed, _ = parameters
     x = np.asarray(x)
-    lanes = count_lanes((*parameters, x), (*parameter_axes(*parameters), 1))
+    alone = x.ndim == 1 and all(leaf.ndim == 0 for leaf in jax.tree.leaves(parameters))  # mostly; then without a look at the axes
+    lanes = None if alone else count_lanes((*parameters, x), (*parameter_axes(*parameters), 1))
     slowest = np.min(speed.speed, axis=0) if isinstance(speed, SpeedProfile) else speed
     fastest = _fastest_known(vehicle, slowest, damper, STABLE_RADIUS / dt)
     too_large = dt * fastest > STABLE_RADIUS
