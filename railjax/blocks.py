@@ -15,11 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .channels import CHANNELS, of_motion, rows_of_state, shape_of
-from .integrate import STATES, Block, Plan, Progress, Run, advance, burst_of, parse_reduction, read
+from .channels import CHANNELS, parse_reduction, rows_of_motion, rows_of_state, shape_of
+from .integrate import STATES, Block, Plan, Progress, Run, advance, burst_of, parameter_axes, read
 from .kernels import one_kernel
-from .lanes import chunk_for, over_lanes, own_axes
-from .speed_profile import SpeedProfile
+from .lanes import chunk_for, over_lanes
 from .vehicle import Packed, structure
 
 #: samples of a block, the same for runs of any length; of a batch fewer, what takes about `ROOM` bytes
@@ -27,12 +26,6 @@ FEWEST_SAMPLES, SAMPLES = 64, 1024
 ROOM = 2**20
 #: bytes of states that a run alone keeps, and a batch; where they are more, only what `record` names is kept
 KEPT_ALONE, KEPT_TOGETHER = 2**28, 2**20
-
-
-def parameter_axes(vehicle: Any, damper: Any, speed: Any, track: Any) -> tuple:
-    """Axes of their own, before lanes, of the leaves of each."""
-    of_speed = jax.tree.map(lambda _: 1, speed) if isinstance(speed, SpeedProfile) else 0
-    return own_axes(vehicle), own_axes(damper), of_speed, own_axes(track)
 
 
 def lane_shape(tree: Any, axes: Any) -> tuple[int, ...]:
@@ -76,7 +69,7 @@ def channels_of(
 ) -> dict[str, np.ndarray]:
     """Channels of the first `count` states of a block whose samples are numbered from `first`."""
     vehicle = parameters[0]
-    in_state, others = rows_of_state(vehicle), of_motion(vehicle)
+    in_state = rows_of_state(vehicle)
     here = np.asarray(states)[:count]
     found = {name: here[:, in_state[name]] for name in names if name in in_state}
     if len(found) < len(set(names)):
@@ -86,10 +79,8 @@ def channels_of(
         else:
             axes = (*parameter_axes(*parameters), 2, 0, 0, 0, 0)
             rows = over_lanes(_read, (*parameters, states, *numbers), axes, states.shape[2], chunk, spread=True)
-        rows = np.asarray(rows)[:count]
-        heights = [math.prod(shape_of(name, vehicle)) for name in others]
-        starts = np.cumsum([0, *heights])
-        found |= {name: rows[:, start : start + height] for name, start, height in zip(others, starts, heights, strict=False)}
+        rows, others = np.asarray(rows)[:count], rows_of_motion(vehicle)
+        found |= {name: rows[:, others[name]] for name in names if name in others}
     return {name: found[name] if shape_of(name, vehicle) else found[name][:, 0] for name in names}
 
 

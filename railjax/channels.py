@@ -83,10 +83,13 @@ def rows_of_state(vehicle: Vehicle) -> dict[str, slice]:
     return rows
 
 
-def of_motion(vehicle: Vehicle) -> tuple[str, ...]:
-    """The other channels that this vehicle has."""
-    in_state = rows_of_state(vehicle)
-    return tuple(name for name in CHANNELS if name not in in_state and has_channel(vehicle, name))
+def rows_of_motion(vehicle: Vehicle) -> dict[str, slice]:
+    """The other channels that this vehicle has, one below the other."""
+    in_state, rows, start = rows_of_state(vehicle), {}, 0
+    for name in CHANNELS:
+        if name not in in_state and has_channel(vehicle, name):
+            rows[name] = slice(start, start := start + math.prod(shape_of(name, vehicle)))
+    return rows
 
 
 #: how a channel can be summed up over a run without storing it

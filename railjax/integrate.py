@@ -1,5 +1,6 @@
 """Runge-Kutta 4 in nested `lax.scan`s: bursts of steps, samples of bursts, checkpointed blocks of samples."""
 
+import functools
 import itertools
 import math
 from collections.abc import Callable
@@ -11,17 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .channels import CHANNELS, of_motion, parse_reduction, shape_of
+from .channels import CHANNELS, parse_reduction, rows_of_motion, shape_of
 from .dampers import Damper, damper_extremes
 from .deflections import layout, size, wheelset_positions
 from .elements import extremes
 from .kernels import fence
+from .lanes import own_axes
 from .motion import Motion, held, motion, state_matrices, state_matrix, state_rate
 from .smooth import sqrt_of_square
 from .speed_profile import Speed, SpeedProfile
 from .track import Track
 from .typing import Scalar
-from .vehicle import Vehicle, as_numbers
+from .vehicle import Vehicle
 
 State = Float[Array, "states *lanes"]
 Carry = tuple[list[Array], tuple[Array, ...]]
@@ -103,6 +105,12 @@ def rk4_in_loop(rate: Callable[[Any], Any], x: Array, dt: Scalar) -> Array:
     return rk4(lambda _, x, nothing: (rate(x), nothing), x, None, dt, looped=True)[0]
 
 
+def parameter_axes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track) -> tuple:
+    """Axes of their own, before lanes, of the leaves of each."""
+    of_speed = jax.tree.map(lambda _: 1, speed) if isinstance(speed, SpeedProfile) else 0
+    return own_axes(vehicle), own_axes(damper), of_speed, own_axes(track)
+
+
 def largest_divisor(number: int, limit: int) -> int:
     """The largest divisor of `number` not above `limit`."""
     return next(d for d in range(min(number, limit), 0, -1) if number % d == 0)  # at most 1e5 trials: limits are roots
@@ -166,11 +174,11 @@ class _Stepper:
 
     def _step(self, carry: Carry, now: tuple[Inputs, Array]) -> tuple[Carry, None]:
         inputs, time = now
-        counted = jnp.where(time >= self.settle, 1.0, 0.0).astype(time.dtype)
+        counted = jnp.where(time >= self.settle, 1.0, 0.0).astype(time.dtype) if self.reductions else None
 
         def stage(k: Any, parts: list[Array], sums: tuple[Array, ...]) -> tuple[list[Array], tuple[Array, ...]]:
             at = self.instant(jax.tree.map(lambda leaf: leaf[(k + 1) // 2], inputs), jnp.concatenate(parts))
-            if self.looped or k == 0:
+            if self.reductions and (self.looped or k == 0):
                 here = jnp.where(k == 0, counted, 0.0) if self.looped else counted
                 sums = tuple(
                     _accumulate(how, total, CHANNELS[channel].read(at), here)
@@ -190,6 +198,16 @@ class _Stepper:
     ) -> dict[str, Array]:
         counted = jnp.maximum(steps - jnp.ceil(self.settle / self.dt - 1e-9), 1.0).astype(dtype)
         return {name: _finish(how, total, counted) for name, (how, _), total in zip(reduce, self.reductions, sums, strict=True)}
+
+
+def _no_number(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, *rest: Scalar) -> Bool[Array, "..."]:
+    """Whether a parameter is not a number. It also gives each one a use: XLA aborts on an argument of its kernel that it can do without."""
+    axes = (*parameter_axes(vehicle, damper, speed, track), *(0 for _ in rest))
+    found = [
+        jnp.any(jnp.isnan(leaf), axis=tuple(range(own)))
+        for leaf, own in zip(jax.tree.leaves((vehicle, damper, speed, track, *rest)), jax.tree.leaves(axes), strict=True)
+    ]
+    return functools.reduce(jnp.logical_or, found)
 
 
 def _within(parts: list[Array]) -> Bool[Array, "..."]:
@@ -271,7 +289,7 @@ def advance(
     start = (stepper.start(x), progress.sums), progress.diverged, records
     (parts, sums), diverged, records = jax.lax.fori_loop(0, count, sample, start)
     totals = stepper.totals(block.reduce, sums, (first + count) * bursts * block.burst, x.dtype)
-    x, diverged = jnp.concatenate(parts), diverged | ~_within(parts)
+    x, diverged = jnp.concatenate(parts), diverged | ~_within(parts) | _no_number(vehicle, damper, speed, track, dt, settle)
     return Run(records, totals, x, diverged), Progress(x, sums, diverged)
 
 
@@ -286,9 +304,9 @@ def read(
     count: Int[Array, ""],
     every: Int[Array, ""],
 ) -> Float[Array, "samples rows *lanes"]:
-    """All channels that are not coordinates or rates, one below the other in the order of `channels.of_motion`, at the samples from
+    """All channels that are not coordinates or rates, one below the other in the order of `rows_of_motion`, at the samples from
     `first` on, `every` steps apart; the first `count` of them are read, each as `run` would have done."""
-    names = of_motion(vehicle)
+    names = tuple(rows_of_motion(vehicle))
     stepper = _Stepper(vehicle, damper, speed, track, states[0], dt, 0.0, 1, (), looped=True)
 
     def sample(i: Array, rows: Array) -> Array:
@@ -297,8 +315,12 @@ def read(
         now = jnp.concatenate([jnp.broadcast_to(found[n], (*shape_of(n, vehicle), *lanes)).reshape((-1, *lanes)) for n in names])
         return jax.lax.dynamic_update_index_in_dim(rows, now, i, 0)
 
+    # what is not read stays 0, or NaN where a parameter is: a use for each
+    unread = jnp.where(_no_number(vehicle, damper, speed, track, dt) | (first < 0) | (every < 0), jnp.nan, 0.0).astype(
+        states.dtype
+    )
     height = sum(math.prod(shape_of(name, vehicle)) for name in names)
-    return jax.lax.fori_loop(0, count, sample, jnp.zeros((states.shape[0], height, *states.shape[2:]), states.dtype))
+    return jax.lax.fori_loop(0, count, sample, jnp.broadcast_to(unread, (states.shape[0], height, *states.shape[2:])))
 
 
 #: what reverse mode may keep of a run, bytes; beyond that it keeps blocks of steps and computes the steps again (20 % slower)
@@ -374,7 +396,7 @@ def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: Scalar
 def fastest_rate_on_host(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: float = 0.0) -> float:
     """`fastest_rate` of one vehicle of known numbers, by NumPy from compiled state matrices."""
     cases = itertools.product(extremes(vehicle), damper_extremes(vehicle, damper))
-    matrices = [state_matrices(*as_numbers((one, speed, law))) for one, law in cases]
+    matrices = [state_matrices(one, speed, law) for one, law in cases]
     with np.errstate(all="ignore"):
         return float(max(_radius(both, size(vehicle), enough) for both in matrices))
 

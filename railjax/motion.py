@@ -286,7 +286,7 @@ def _rate_matrices(packed: Packed) -> Float[Array, "2 states columns"]:
 
 
 def state_matrices(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[np.ndarray, "2 states states"]:
-    """`state_matrix` without and with the flanges in contact, of known numbers (`as_numbers`): one small program for all of a kind."""
+    """`state_matrix` without and with the flanges in contact, of known numbers: one small program for all of a kind."""
     return np.asarray(_rate_matrices(Packed.of((vehicle, speed, damper))))[:, :, : state_size(vehicle, damper)]
 
 

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .blocks import Sampled, finished, lane_shape, parameter_axes, wheelsets_flat
+from .blocks import Sampled, finished, lane_shape, wheelsets_flat
 from .channels import CHANNELS, check_channel, has_channel, parse_reduction
 from .dampers import Damper, check_damper
 from .deflections import join, layout
 from .errors import InputError
-from .integrate import STABLE_RADIUS, Plan, Run, fastest_rate, fastest_rate_on_host, run
+from .integrate import STABLE_RADIUS, Plan, Run, fastest_rate, fastest_rate_on_host, parameter_axes, run
 from .lanes import alone, by_device, chunk_for, count_lanes, each_lane, over_lanes, own_axes
 from .motion import PASSIVE, state_size
 from .simulation import Result, Simulation
@@ -70,8 +70,12 @@ def simulate(
     parameters = as_numbers((without_labels(vehicle), damper, speed, track))
     run = _traced if traced else _known
     result, code, sampled = run(parameters, x, dt, settle, plan, chunk)
-    time, step = jax.device_put((np.arange(plan.samples) * (plan.every * dt), np.asarray(dt)))
-    return Simulation(time, result.records, result.reductions, result.final, code, speed, step, sampled, vehicle.name)
+    time = np.arange(plan.samples) * (plan.every * dt)
+    # `device_put` compiles nothing, where `jnp.asarray` does
+    time, result, code = jax.tree.map(
+        lambda leaf: leaf if isinstance(leaf, jax.Array) else jax.device_put(leaf), (time, result, code)
+    )
+    return Simulation(time, result.records, result.reductions, result.final, code, speed, dt, sampled, vehicle.name)
 
 
 def _known(parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, chunk: int) -> tuple[Run, Array, Sampled | None]:
@@ -93,7 +97,6 @@ def _known(parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, ch
     result, sampled = finished(parameters, x, dt, settle, plan, lanes, chunk)
     code = np.where(result.diverged, int(Result.DIVERGED), int(Result.OK))
     code = np.where(too_large, int(Result.STEP_TOO_LARGE), code)
-    result, code = jax.device_put((result, code))  # which compiles nothing, where `jnp.asarray` does
     return result, code, sampled
 
 

@@ -370,9 +370,10 @@ class Packed:
     @classmethod
     def of(cls, tree: Any) -> "Packed":
         leaves, treedef = jax.tree.flatten(tree)
-        single = tuple(leaf.ndim == 0 for leaf in leaves)
+        single = tuple(np.ndim(leaf) == 0 for leaf in leaves)
         numbers = np.array([leaf for leaf, alone in zip(leaves, single, strict=True) if alone], jnp.result_type(float))
-        return cls(numbers, [leaf for leaf, alone in zip(leaves, single, strict=True) if not alone], treedef, single)
+        tables = [leaf for leaf, alone in zip(leaves, single, strict=True) if not alone]
+        return cls(numbers, as_numbers(tables), treedef, single)
 
     def unpacked(self) -> Any:
         numbers, tables = iter(self.numbers), iter(self.tables)
