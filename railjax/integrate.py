@@ -65,6 +65,12 @@ def _onward(x: Any, rate: Any, dt: Scalar) -> Any:
     return jax.tree.map(lambda x, rate: x + rate * dt, x, rate)
 
 
+@fence
+def _staged(x: Any, total: Any, rate: Any, weight: Scalar, dt: Scalar) -> tuple[Any, Any]:
+    ahead = jax.tree.map(lambda x, rate: x + rate * dt, x, rate)
+    return ahead, jax.tree.map(lambda total, rate: total + weight * rate, total, rate)
+
+
 def _in_rows(function: Callable[..., Any], x: Any, rate: Any, dt: Scalar) -> Any:
     """`function` on each array as one long row: a row per state would be a loop over one chunk of lanes, which LLVM unrolls before it
     looks for vectors."""
@@ -86,10 +92,10 @@ def rk4(
         rate, sums = stage(k, ahead, sums)
         if looped:
             share = jnp.where((k == 1) | (k == 2), dt / 3.0, dt / 6.0), jnp.where(k == 2, dt, 0.5 * dt)
-        else:
-            share = dt / (3.0 if k in (1, 2) else 6.0), dt if k == 2 else 0.5 * dt
+            return *_staged(x, total, rate, *share), sums
+        share = dt / (3.0 if k in (1, 2) else 6.0), dt if k == 2 else 0.5 * dt
         total = jax.tree.map(lambda total, rate: total + share[0] * rate, total, rate)
-        return (_in_rows(_onward, x, rate, share[1]) if looped or k < 3 else x), total, sums
+        return (_in_rows(_onward, x, rate, share[1]) if k < 3 else x), total, sums
 
     carry = x, x, sums
     if looped:
