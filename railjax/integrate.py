@@ -1,7 +1,7 @@
-"""Runge-Kutta 4 in nested `lax.scan`s: bursts of steps, samples of bursts, checkpointed blocks of samples."""
+"""Runge-Kutta 4: bursts of steps and samples of bursts, in checkpointed `lax.scan`s for what is transformed (`run`), in loops of any
+length for what is not (`advance`); channels read off states (`read`)."""
 
 import functools
-import itertools
 import math
 from collections.abc import Callable
 from math import isqrt
@@ -9,27 +9,24 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .channels import CHANNELS, parse_reduction, rows_of_motion, shape_of
-from .dampers import Damper, damper_extremes
+from .dampers import Damper
 from .deflections import layout, size, wheelset_positions
-from .elements import extremes
 from .kernels import fence
 from .lanes import own_axes
-from .motion import Motion, held, motion, state_matrices, state_matrix, state_rate
+from .motion import Motion, held, motion, state_rate
+from .rk4 import rk4, rk4_in_loop  # noqa: F401, where others look for it
 from .smooth import sqrt_of_square
 from .speed_profile import Speed, SpeedProfile
+from .step_bound import STABLE_RADIUS, fastest_rate, largest_step  # noqa: F401, where others look for them
 from .track import Track
 from .typing import Scalar
 from .vehicle import Vehicle
 
 State = Float[Array, "states *lanes"]
 Carry = tuple[list[Array], tuple[Array, ...]]
-
-#: |R(z)| <= 1 for RK4's stability function on every z in the left half plane with |z| <= this (2.6156 at the waist)
-STABLE_RADIUS = 2.61
 
 #: steps whose track is sampled together; few, so that the samples stay in the nearest cache
 BURST = 5
@@ -58,57 +55,6 @@ class Inputs(NamedTuple):
 
     alignment: Float[Array, "..."]
     slowness: Float[Array, "..."] | None  # None where the speed is constant
-
-
-@fence
-def _onward(x: Any, rate: Any, dt: Scalar) -> Any:
-    return jax.tree.map(lambda x, rate: x + rate * dt, x, rate)
-
-
-@fence
-def _staged(x: Any, total: Any, rate: Any, weight: Scalar, dt: Scalar) -> tuple[Any, Any]:
-    ahead = jax.tree.map(lambda x, rate: x + rate * dt, x, rate)
-    return ahead, jax.tree.map(lambda total, rate: total + weight * rate, total, rate)
-
-
-def _in_rows(function: Callable[..., Any], x: Any, rate: Any, dt: Scalar) -> Any:
-    """`function` on each array as one long row: a row per state would be a loop over one chunk of lanes, which LLVM unrolls before it
-    looks for vectors."""
-    long = [jax.tree.map(jnp.ravel, tree) for tree in (x, rate)]
-    return jax.tree.map(lambda row, like: row.reshape(like.shape), function(*long, dt), x)
-
-
-def rk4(
-    stage: Callable[[Any, Any, Any], tuple[Any, Any]], x: Any, sums: Any, dt: Scalar, looped: bool = False
-) -> tuple[Any, Any]:
-    """One classical Runge-Kutta step of x, an array or a tree of them: x and `sums` after it.
-
-    `stage(k, x, sums)` gives x' and what becomes of `sums` in the stage k: 0 at the start, 1 and 2 in the middle, 3 at the end of
-    the step. `looped`: one copy of the stage instead of four, compiled in a third of the time; batches and gradients are slower by 15 %.
-    """
-
-    def advanced(k: Any, carry: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
-        ahead, total, sums = carry
-        rate, sums = stage(k, ahead, sums)
-        if looped:
-            share = jnp.where((k == 1) | (k == 2), dt / 3.0, dt / 6.0), jnp.where(k == 2, dt, 0.5 * dt)
-            return *_staged(x, total, rate, *share), sums
-        share = dt / (3.0 if k in (1, 2) else 6.0), dt if k == 2 else 0.5 * dt
-        total = jax.tree.map(lambda total, rate: total + share[0] * rate, total, rate)
-        return (_in_rows(_onward, x, rate, share[1]) if k < 3 else x), total, sums
-
-    carry = x, x, sums
-    if looped:
-        carry = jax.lax.fori_loop(0, 4, advanced, carry)
-    else:
-        for k in range(4):
-            carry = advanced(k, carry)
-    return carry[1:]
-
-
-def rk4_in_loop(rate: Callable[[Any], Any], x: Array, dt: Scalar) -> Array:
-    """One step of `rk4` with constant inputs, its stages a loop."""
-    return rk4(lambda _, x, nothing: (rate(x), nothing), x, None, dt, looped=True)[0]
 
 
 def parameter_axes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track) -> tuple:
@@ -381,67 +327,3 @@ def _inputs(
         return of_steps, ((index * burst + jnp.arange(burst)) * dt).astype(like.dtype)
 
     return inputs
-
-
-def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: Scalar = 0.0) -> Float[Array, ""]:
-    """Largest spectral radius of the state matrix with the flanges free and in contact, 1/s: an upper bound, within 1 % or below
-    `enough`; infinite where the matrix is beyond floating point.
-
-    Both, because the flange's spring slows the overdamped creep modes of low speed and quickens the others; and likewise
-    within and beyond the corners of the other elements (`extremes`) and of the damper (`damper_extremes`). Gelfand: |E^(2^k)|^(1/2^k) by repeated squaring, so that
-    it runs in a batch and on any device.
-    """
-    cases = itertools.product(extremes(vehicle), damper_extremes(vehicle, damper), (False, True))
-    matrices = [state_matrix(one, speed, law, flange=flange) for one, law, flange in cases]
-    largest = max(len(matrix) for matrix in matrices)
-    matrices = [jnp.pad(matrix, (0, largest - len(matrix))) for matrix in matrices]  # laws differ in their internal states
-    matrix, enough = jax.lax.stop_gradient((jnp.stack(matrices), enough))
-    return _radius(matrix, size(vehicle), enough)
-
-
-def fastest_rate_on_host(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: float = 0.0) -> float:
-    """`fastest_rate` of one vehicle of known numbers, by NumPy from compiled state matrices."""
-    cases = itertools.product(extremes(vehicle), damper_extremes(vehicle, damper))
-    matrices = [state_matrices(one, speed, law) for one, law in cases]
-    with np.errstate(all="ignore"):
-        return float(max(_radius(both, size(vehicle), enough) for both in matrices))
-
-
-def _radius(matrix: Any, n: int, enough: Scalar) -> Any:
-    """The largest spectral radius of matrices, (k, states, states), by NumPy or JAX as they are."""
-    host = isinstance(matrix, np.ndarray)
-    xp: Any = np if host else jnp
-    scale = np.where(np.arange(matrix.shape[-1]) < n, 100.0, 1.0).astype(
-        matrix.dtype
-    )  # displacements against velocities: about the rates
-    matrix = matrix * (scale[:, None] / scale)
-
-    def norm(power: Any) -> Any:
-        return xp.sqrt(xp.sum(power**2, axis=(-2, -1), keepdims=True))
-
-    def bound(power: Any, logarithm: Any, doublings: Any) -> Any:
-        return xp.max(xp.exp((logarithm + xp.log(norm(power))) / 2.0**doublings))
-
-    def square(carry: tuple) -> tuple:
-        power, logarithm, doublings = carry
-        size_now = norm(power)
-        power = (power / size_now) @ (power / size_now)
-        return power, 2.0 * (logarithm + xp.log(size_now)), doublings + 1
-
-    def loose(carry: tuple) -> Any:
-        return (carry[2] < 10) & (bound(*carry) > enough)
-
-    carry = matrix, xp.zeros((len(matrix), 1, 1), matrix.dtype), xp.asarray(0)
-    if host:
-        while loose(carry):
-            carry = square(carry)
-    else:
-        carry = jax.lax.while_loop(loose, square, carry)
-    rate = bound(*carry)
-    return xp.where(xp.isnan(rate), xp.inf, rate)  # a norm that overflows
-
-
-@jax.jit
-def largest_step(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[Array, ""]:
-    """Largest dt (s) that RK4 holds at this speed: creep damping 2 f/(m v) grows as 1/v, 9 ms at 40 m/s, 1 ms at 5 m/s."""
-    return STABLE_RADIUS / fastest_rate(vehicle, speed, damper)

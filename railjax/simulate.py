@@ -15,11 +15,12 @@ from .channels import CHANNELS, check_channel, has_channel, parse_reduction
 from .dampers import Damper, check_damper
 from .deflections import join, layout
 from .errors import InputError
-from .integrate import STABLE_RADIUS, Plan, Run, fastest_rate, fastest_rate_on_host, parameter_axes, run
+from .integrate import Plan, Run, parameter_axes, run
 from .lanes import alone, by_device, chunk_for, count_lanes, each_lane, over_lanes, own_axes
 from .motion import PASSIVE, state_size
 from .simulation import Result, Simulation
 from .speed_profile import Speed, SpeedProfile
+from .step_bound import STABLE_RADIUS, fastest_rate, fastest_rate_on_host
 from .track import TangentTrack, Track, check_track
 from .typing import Scalar
 from .vehicle import Vehicle, as_numbers, without_labels
@@ -46,7 +47,8 @@ def simulate(
     the vehicle's own); `duration` and `dt` in s; `initial`, a state x of shape (states,) or coordinates by name
     ({"wheelset_y": 5e-3}; 0 where not given); `record`, channels stored every `sample` seconds (default 10 dt; a multiple of dt)
     at the instants 0, sample, 2 sample, ...; `reduce`, sums such as "rms:carbody_acceleration" taken over every step after
-    `settle` seconds and not stored. `railjax.CHANNELS` lists the channels.
+    `settle` seconds and not stored. `railjax.CHANNELS` lists the channels. A run alone, or a small batch, keeps its states, and any
+    channel can be read off them afterwards: `run["bogie_y"]`.
 
     A batch: any number in vehicle, speed, track, damper or initial may be an array of one axis of lanes; the others are
     shared. Lanes run in chunks of `chunk` in number (default: what is quickest) on all devices (`use_all_cores`). Inside `jax.vmap` or `jax.grad` it works as well.
@@ -78,7 +80,9 @@ def simulate(
     return Simulation(time, result.records, result.reductions, result.final, code, speed, dt, sampled, vehicle.name)
 
 
-def _known(parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, chunk: int) -> tuple[Run, Array, Sampled | None]:
+def _known(
+    parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, chunk: int
+) -> tuple[Run, np.ndarray, Sampled | None]:
     """Numbers that are known: what need not be compiled is done by NumPy."""
     vehicle, damper, speed, _ = parameters
     x = np.asarray(x)

@@ -35,7 +35,7 @@ class Simulation:
 
     `channels` holds the recorded time histories, `reductions` the sums over the run ("rms:carbody_acceleration"), `final` the
     state at the end, `code` a `Result` per lane. Indexing by name reads either, and any other channel as well where the states
-    were kept: of a run alone, and of batches whose states take up to 16 MiB; not of what was made inside `jax.jit`, `vmap` or `grad`.
+    were kept: of a run alone, and of batches whose states take up to 1 MiB; not of what was made inside `jax.jit`, `vmap` or `grad`.
     """
 
     time: Float[Array, "samples"]  # s
