@@ -78,6 +78,7 @@ def channels_of(
             rows = _read_alone(Packed.of(parameters), states, *numbers)
         else:
             axes = (*parameter_axes(*parameters), 2, 0, 0, 0, 0)
+            states = np.asarray(states)  # not spread over devices, which would compile anew
             rows = over_lanes(_read, (*parameters, states, *numbers), axes, states.shape[2], chunk, spread=True)
         rows, others = np.asarray(rows)[:count], rows_of_motion(vehicle)
         found |= {name: rows[:, others[name]] for name in names if name in others}
