@@ -59,15 +59,11 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on s
 
 def prepare() -> None:
     """JAX as the command line uses it: double precision, all cores, and what an earlier command compiled is not compiled again."""
-    import jax
-
     from . import keep_compiled, use_all_cores, use_double_precision
 
     use_double_precision()
     use_all_cores()
-    # JAX 0.10 prints a false alarm about processor features for everything that it finds there
-    if not jax.__version__.startswith("0.10."):
-        keep_compiled()
+    keep_compiled()
 
 
 def load(name: str) -> Any:
