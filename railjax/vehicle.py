@@ -14,6 +14,7 @@ from typing import Any, Literal, get_args
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .errors import InputError
 from .typing import Number
@@ -339,6 +340,11 @@ def without_labels(vehicle: Vehicle) -> Vehicle:
 
 
 def bare(vehicle: Vehicle, damper: Any) -> tuple[Vehicle, Any]:
-    """The vehicle without labels, and the damper, all numbers as arrays: else code is compiled anew where a Python float takes the
-    place of an array, and each is slower to hand over."""
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, float), (without_labels(vehicle), damper))
+    """The vehicle without labels, and the damper, all numbers as arrays, in NumPy or JAX: else code is compiled anew where a Python float
+    takes the place of an array."""
+    dtype = jnp.result_type(float)
+
+    def array(leaf: Any) -> Any:
+        return leaf.astype(dtype) if isinstance(leaf, jax.Array) else np.asarray(leaf, dtype)
+
+    return jax.tree.map(array, (without_labels(vehicle), damper))
