@@ -340,11 +340,12 @@ def without_labels(vehicle: Vehicle) -> Vehicle:
 
 
 def bare(vehicle: Vehicle, damper: Any) -> tuple[Vehicle, Any]:
-    """The vehicle without labels, and the damper, all numbers as arrays, in NumPy or JAX: else code is compiled anew where a Python float
-    takes the place of an array."""
+    """The vehicle without labels, and the damper, all numbers as arrays: else code is compiled anew where a Python float takes the place
+    of an array."""
+    return jax.tree.map(array_of, (without_labels(vehicle), damper))
+
+
+def array_of(number: Number) -> Number:
+    """The number as an array of floats, in NumPy if it is not JAX's, which would take longer."""
     dtype = jnp.result_type(float)
-
-    def array(leaf: Any) -> Any:
-        return leaf.astype(dtype) if isinstance(leaf, jax.Array) else np.asarray(leaf, dtype)
-
-    return jax.tree.map(array, (without_labels(vehicle), damper))
+    return number.astype(dtype) if isinstance(number, jax.Array) else np.asarray(number, dtype)
