@@ -240,31 +240,31 @@ def _on_host(vehicle: Vehicle, damper: Damper, lowest: float, highest: float) ->
 
     along, speeds = along_speed(vehicle, damper), np.linspace(lowest, highest, POINTS)
     nothing = Crossing(*np.zeros(2), np.zeros((), complex), *np.zeros((2, state_size(vehicle, damper)), complex))
-    try:
-        growth = _growth_up_to_instability(along, speeds)
-    except np.linalg.LinAlgError:  # not finite, or no convergence
-        return nothing, np.array(int(Stability.FAILED))
-    if not growth[-1] > 0.0:
-        return nothing, np.array(int(Stability.STABLE))
-    if len(growth) == 1:
-        return nothing, np.array(int(Stability.UNSTABLE))
-    low, high = speeds[len(growth) - 2 : len(growth)]
-    near = low + (high - low) * growth[-2] / (growth[-2] - growth[-1])
-    for _ in range(2 * HALVINGS):
-        (matrix,), (by_speed,) = along(np.array([near]))
-        values, left, right = eig(matrix, left=True, right=True)
-        critical = np.argmax(values.real)
-        value, x, w = values[critical], right[:, critical], left[:, critical].conj()
-        with np.errstate(all="ignore"):
-            w = w / (w @ x)
-            slope = w @ by_speed @ x
-            step = -value.real / slope.real
-        low, high = (low, near) if value.real > 0 else (near, high)
-        if abs(step) <= RESOLVED * near:
-            break
-        near = near + step if low < near + step < high else 0.5 * (low + high)
-    code = Stability.OK if abs(step) <= (highest - lowest) / POINTS else Stability.FAILED
-    return Crossing(near + step, np.abs(value.imag + slope.imag * step), slope, x, w), np.array(int(code))
+    with np.errstate(all="ignore"):
+        try:
+            growth = _growth_up_to_instability(along, speeds)
+            if not growth[-1] > 0.0:
+                return nothing, np.array(int(Stability.STABLE))
+            if len(growth) == 1:
+                return nothing, np.array(int(Stability.UNSTABLE))
+            low, high = speeds[len(growth) - 2 : len(growth)]
+            near = low + (high - low) * growth[-2] / (growth[-2] - growth[-1])
+            for _ in range(2 * HALVINGS):
+                (matrix,), (by_speed,) = along(np.array([near]))
+                values, left, right = eig(matrix, left=True, right=True)
+                critical = np.argmax(values.real)
+                value, x, w = values[critical], right[:, critical], left[:, critical].conj()
+                w = w / (w @ x)
+                slope = w @ by_speed @ x
+                step = -value.real / slope.real
+                low, high = (low, near) if value.real > 0 else (near, high)
+                if abs(step) <= RESOLVED * near:
+                    break
+                near = near + step if low < near + step < high else 0.5 * (low + high)
+        except (np.linalg.LinAlgError, ValueError):  # not finite, or no convergence
+            return nothing, np.array(int(Stability.FAILED))
+        code = Stability.OK if abs(step) <= (highest - lowest) / POINTS else Stability.FAILED
+        return Crossing(near + step, np.abs(value.imag + slope.imag * step), slope, x, w), np.array(int(code))
 
 
 def _growth_up_to_instability(along: Along, speeds: Float[np.ndarray, "points"]) -> list[float]:

@@ -196,6 +196,26 @@ def test_first_crossing_of_scattered_variants_against_all_eigenvalues(name, span
     assert clear.mean() > 0.6
 
 
+def test_the_host_s_way_is_the_compiled_one_s(coach):
+    """One vehicle, of numbers known or traced: the same codes, the same numbers."""
+    many = railjax.vehicle.without_labels(scattered("coach", np.log(5.0), 40, seed=1))
+    traced = jax.jit(railjax.linear_critical)
+    broken = railjax.replace(railjax.vehicle.without_labels(coach), carbody__mass=np.nan)
+    codes = set()
+    for vehicle in (
+        *(jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k], many) for k in range(40)),
+        jax.tree.map(np.float64, broken),
+    ):
+        host, compiled = (jax.tree.map(float, find(vehicle)) for find in (railjax.linear_critical, traced))
+        assert host.code == compiled.code
+        codes.add(int(host.code))
+        # what rises slowly is known no better than the eigenvalues' round-off lets it
+        slow = 1e-11 / host.growth_per_speed if host.code == railjax.Stability.OK else 0.0
+        np.testing.assert_allclose(host[:2], compiled[:2], rtol=1e-9, atol=slow)
+        np.testing.assert_allclose(host.growth_per_speed, compiled.growth_per_speed, rtol=1e-5)
+    assert codes == set(railjax.Stability)
+
+
 def with_maxwell(stiffness, conicity):
     """Speed and frequency, with a damper that has internal states."""
     vehicle = railjax.replace(railjax.load_vehicle("coach"), primary__stiffness_x=stiffness, contact__conicity=conicity)
