@@ -17,7 +17,7 @@ DURATION = 300.0  # s
 SHOWN = ("guiding_force_sum", "bogie_safety", "instability_force", "carbody_ride_rms")
 
 
-@study("acceptance", "Running safety on real tracks over speed")
+@study("acceptance", "Running safety on real tracks over speed", beyond=True)
 def safety(context: Context) -> Outcome:
     """Quantities of EN 14363 as shares of their limits, and the first speed at which each is exceeded."""
     coach, quantities = context.coach, []

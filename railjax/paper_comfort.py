@@ -83,7 +83,7 @@ def in_numbers(context: Context) -> Outcome:
     return Outcome(quantities, statements, assumptions=ASSUMED[:1])
 
 
-@study("comfort-over-speed", "Ride comfort on real tracks over speed")
+@study("comfort-over-speed", "Ride comfort on real tracks over speed", beyond=True)
 def on_real_tracks(context: Context) -> Outcome:
     """N_MV of every suspension on ERRI low and high from 80 to 300 km/h."""
     dampers = strategies(context.coach)
@@ -182,7 +182,7 @@ def _map(mean: dict, names: list[str]) -> Picture:
     )
 
 
-@study("frequency-domain", "Frequency domain and statistical linearisation against simulation")
+@study("frequency-domain", "Frequency domain and statistical linearisation against simulation", beyond=True)
 def without_time(context: Context) -> Outcome:
     """Spectrum and r.m.s. of the floor's acceleration by theory and by simulation, passive and with balance logic."""
     coach, spectrum, kmh = context.coach, "erri-high", 200.0

@@ -160,7 +160,7 @@ def sensitivities(vehicle: Vehicle, share: float = 0.1) -> dict[str, tuple[float
     return {path: (linear[path], nonlinear[path]) for path in linear}
 
 
-@study("sensitivity", "Which parameters decide the critical speeds")
+@study("sensitivity", "Which parameters decide the critical speeds", beyond=True)
 def sensitivity(context: Context) -> Outcome:
     """Exact gradients of both critical speeds with respect to every parameter."""
     changes = sensitivities(context.coach)

@@ -133,7 +133,7 @@ def periodic_response(context: Context) -> Outcome:
     )
 
 
-@study("wavelength", "Sensitivity to the assumed wavelength")
+@study("wavelength", "Sensitivity to the assumed wavelength", beyond=True)
 def wavelength_sensitivity(context: Context) -> Outcome:
     """R.m.s. of the car body's acceleration over the wavelength, 6 to 60 m, which the paper does not give."""
     wavelengths = np.geomspace(6.0, 60.0, 96)
