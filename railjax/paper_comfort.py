@@ -51,8 +51,7 @@ def real_track(spectrum: str) -> RandomTrack:
 
 def over_speed(vehicle: Vehicle, spectrum: str, damper: Damper) -> Comfort:
     """Comfort at `SPEEDS`, all in one batch; arrays (place, speed)."""
-    run = ride(vehicle, jnp.asarray(SPEEDS / KMH), real_track(spectrum), damper)
-    return comfort(run, settle=SETTLE)
+    return comfort(ride(vehicle, jnp.asarray(SPEEDS / KMH), real_track(spectrum), damper), settle=SETTLE)
 
 
 @study("fig-19-comfort", "Fig. 19 in comfort numbers")
