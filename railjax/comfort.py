@@ -233,13 +233,13 @@ def _report(
     if mean and blocks < FULL_TEST:
         notes.append(f"N_MV is of {blocks} blocks of 5 s; a full test has {FULL_TEST} (5 min)")
     for direction, record in records.items():
-        values = _measures(record, sampling_rate, direction, names[direction], skip, mean, exponents)
+        values = _measured(record, sampling_rate, names[direction], direction, skip, mean, exponents)
         for key, value in values.items():
             results[key][direction] = np.where(ok, np.asarray(value), np.nan)
         crest = results["crest"][direction]
         if np.any(crest > 9.0):
             notes.append(f"{direction}: crest factor above 9, where ISO 2631-1 asks for MTVV and VDV beside a_w")
-    whole = np.asarray(mean_comfort([jnp.asarray(value) for value in results["percentile"].values()])) if mean else None
+    whole = np.asarray(mean_comfort(list(results["percentile"].values()))) if mean else None
     return Comfort(
         sampling_rate,
         duration,
@@ -252,17 +252,18 @@ def _report(
     )
 
 
-@functools.partial(jax.jit, static_argnums=range(1, 7))
-def _measures(
+# one program instead of some eighty small ones
+@functools.partial(jax.jit, static_argnames=("sampling_rate", "weighting", "direction", "skip", "mean", "exponents"))
+def _measured(
     record: Float[Array, "samples *lanes"],
     sampling_rate: float,
-    direction: str,
     weighting: str,
+    direction: str,
     skip: int,
     mean: bool,
     exponents: tuple[float | int, float | int],
 ) -> dict[str, Float[Array, "..."]]:
-    """Every measure of one direction by its name in `Comfort`."""
+    """What `Comfort` holds of one direction."""
     weighted = weighted_acceleration(record - record.mean(axis=0), sampling_rate, weighting)[skip:]
     values = {
         "rms": rms(weighted),
