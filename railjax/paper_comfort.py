@@ -128,11 +128,11 @@ DRAWN = ("passive, Table 1", "passive, soft", "balance logic, ideal", "Bouc-Wen,
 def _lines(vehicle: Vehicle, mean: dict, wz: dict) -> Picture:
     with figure(rows=2, columns=2, height=3.1, share_x=True) as (page, axes):
         for row, (spectrum, label) in enumerate(SPECTRA.items()):
+            linear = _linear(vehicle, spectrum)
             for side, (values, symbol) in enumerate(((mean, "$N_{MV}$, lateral part"), (wz, "Sperling $W_z$"))):
                 here = axes[row, side]
                 for colour, name in zip(COLOURS, DRAWN, strict=False):
                     here.plot(SPEEDS, values[spectrum, name], color=colour, label=name)
-                linear = _linear(vehicle, spectrum)
                 here.plot(SPEEDS, linear[side], color="0.2", linestyle=(0, (4, 2.5)), label="passive, linear theory")
                 here.axvline(PAPER_NONLINEAR, color="0.35", linestyle=":", linewidth=1.0)
                 here.set(ylabel=f"{label}: {symbol}", xlim=(SPEEDS[0], SPEEDS[-1]), ylim=(0.0, None))
