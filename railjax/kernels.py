@@ -10,10 +10,13 @@ The attributes are XLA's own; a release that dropped them would only be slower (
 """
 
 import contextlib
+import ctypes
 import functools
+import gc
 import os
 import platform
 import re
+import sys
 import tempfile
 import threading
 from collections.abc import Callable
@@ -99,6 +102,22 @@ def _without_false_alarm(load: F) -> F:
                         os.write(2, line)
 
     return quiet  # type: ignore[return-value]
+
+
+def forget_compiled() -> None:
+    """Let go of everything compiled so far, between studies that have no program in common: it is most of a long process's memory.
+
+    What is called again is compiled again, or read from the folder of `keep_compiled`.
+    """
+    jax.clear_caches()
+    return_memory()
+
+
+def return_memory() -> None:
+    """Give back to the system what is free: the C library keeps what the compiler needed, some 200 MB after a few large programs."""
+    gc.collect()
+    if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "malloc_trim"):  # glibc's, not musl's
+        library.malloc_trim(0)
 
 
 def fence(function: F) -> F:
