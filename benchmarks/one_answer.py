@@ -4,9 +4,10 @@
     python benchmarks/one_answer.py --all [--minutes 3]                  # every configuration below, each in a process of its own
 
 A dozen programs of railjax, and three of plain JAX that others have found to give two answers (JAX issue 39741, TensorFlow issue
-126812), are called over and over in random order from several threads, several calls of each in flight at once, while other programs
-are compiled and thrown away, and now and then everything compiled is forgotten and made anew. All bits of every result are compared
-with those of the first call. Prints the number of calls and what differed, by how much; exit status 1 if anything did.
+126812), are called over and over in random order from several threads, several calls in flight at once, each program for about the same
+time, while other programs are compiled and thrown away, and once a minute everything compiled is forgotten and read or made anew. All
+bits of every result are compared with those of the first call. Prints the number of calls and what differed, by how much; exit status 1
+if anything did. Of three minutes on two idle cores the quickest programs get some ten thousand calls, the slowest some tens.
 
 `--all` does this with two devices and one, with and without `xla_cpu_small_call`, with an intra-op pool of 1, 2 and 8 threads, without
 Eigen's threads, and without YNNPACK's reductions where the release of JAX has them.
@@ -81,23 +82,27 @@ def programs() -> dict[str, Call]:
         return lambda: [laws.final(linear, damper, x, 0.3, steps) for steps in (150, 212, 300, 424, 1500)]
 
     reverse, weighted = railjax.jit(jax.grad(rms)), jax.jit(lambda a: railjax.weighted_rms(a, 200.0, "Wd", 2.0))
+    alone, rough_ride = (jax.jit(functools.partial(ride, coach, on=on)) for on in (track, rough))
+    respond = jax.jit(lambda speed: railjax.frequency_response(coach, speed).transfer)
+    linearise = jax.jit(lambda speed: railjax.statistical_linearisation(coach, speed).gains)
+    crossings = jax.jit(lambda stiffness: railjax.linear_critical(railjax.replace(coach, primary__stiffness_x=stiffness)))
     # as TensorFlow issue 126812: each is wrong beyond rounding where tasks overwrite each other's partial sums
     broadcast = jax.jit(lambda a: jnp.sum(jnp.broadcast_to(a, (2, 1024, 1024))))
     column, matrix = jnp.ones((1024, 1)), jnp.asarray(np.random.default_rng(1).normal(size=(400, 400)))
     both = jax.jit(lambda a: (jnp.sum(a, axis=0), jnp.sum(a, axis=1), jnp.sum(a * a)))
     product = jax.jit(lambda a: a @ a)
     return {
-        "one run": lambda: ride(coach, 50.0),
-        "one run, random track": lambda: ride(coach, 50.0, on=rough),
+        "one run": lambda: alone(50.0),
+        "one run, random track": lambda: rough_ride(50.0),
         "batch": lambda: ride(coach, speeds),
         "batch, balance logic": lambda: ride(coach, speeds, railjax.BalanceLogic(0.7)),
         "skyhook, continuous": twin("skyhook, continuous"),
         "balance": twin("balance"),
         "reverse gradient": lambda: reverse(25e3),
         "nonlinear critical speed": lambda: railjax.nonlinear_critical_speed(coach),
-        "linear critical speeds": lambda: railjax.linear_critical(railjax.replace(coach, primary__stiffness_x=stiffness)),
-        "frequency response": lambda: railjax.frequency_response(coach, 60.0).transfer,
-        "statistical linearisation": lambda: railjax.statistical_linearisation(coach, 50.0).gains,
+        "linear critical speeds": lambda: crossings(stiffness),
+        "frequency response": lambda: respond(60.0),
+        "statistical linearisation": lambda: linearise(50.0),
         "weighted r.m.s.": lambda: weighted(noise),
         "plain: broadcast and sum": lambda: broadcast(column),
         "plain: sums": lambda: both(matrix),
@@ -122,7 +127,7 @@ def distance(result: Any, first: list[bytes]) -> str:
         return float(np.max(np.abs(now - then))), float(np.max(np.abs(then)))
 
     pairs = [off(leaf, before) for leaf, before in zip(jax.tree.leaves(result), first, strict=True)]
-    return "; ".join(f"leaf {k}: {most:.2g} of {size:.2g}" for k, (most, size) in enumerate(pairs) if not most == 0.0)
+    return "; ".join(f"leaf {k}: {most:.2g} of {size:.2g}" for k, (most, size) in enumerate(pairs) if most != 0.0)
 
 
 class Stress:
@@ -132,9 +137,16 @@ class Stress:
         everything = programs()
         self.calls = {name: call for name, call in everything.items() if not only or any(part in name for part in only)}
         self.first = {name: bits(call()) for name, call in self.calls.items()}
+        self.shares = [1.0 / self.seconds(name) for name in self.calls]
         self.counts: Counter[str] = Counter()
         self.different: list[str] = []
         self.strangers = [self.stranger(k) for k in range(strangers)]
+
+    def seconds(self, name: str) -> float:
+        """Of a call once it is compiled."""
+        start = time.perf_counter()
+        bits(self.calls[name]())
+        return time.perf_counter() - start
 
     @staticmethod
     def stranger(number: int) -> Any:
@@ -153,8 +165,9 @@ class Stress:
         import jax
 
         rng = random.Random(seed)
-        while time.monotonic() < until:
-            names = [rng.choice(list(self.calls)) for _ in range(in_flight)]
+        forget, meet = time.monotonic() + 30.0, time.monotonic()
+        while (now := time.monotonic()) < until:
+            names = rng.choices(list(self.calls), self.shares, k=in_flight)
             names += [names[0]] * rng.randrange(3)  # one program several times at once
             flight = [(name, self.calls[name]()) for name in names]
             for name, result in flight:
@@ -162,10 +175,12 @@ class Stress:
                 if bits(result) != self.first[name]:
                     self.different.append(f"{name}, call {self.counts[name]}: {distance(result, self.first[name])}")
                     print("different:", self.different[-1], flush=True)
-            if rng.random() < 0.05:
+            if now > meet:
+                meet = now + 2.0
                 self.stranger(rng.randrange(10**6))
                 gc.collect()
-            if seed == 0 and rng.random() < 0.002:
+            if seed == 0 and now > forget:
+                forget = now + 60.0
                 jax.clear_caches()
 
 
@@ -224,7 +239,9 @@ def main() -> int:
         thread.start()
     for thread in threads:
         thread.join()
-    print(f"jax {jax.__version__}, {jax.device_count()} device(s): {stress.counts.total()} calls, {len(stress.different)} different")
+    print(
+        f"jax {jax.__version__}, {jax.device_count()} device(s): {stress.counts.total()} calls, {len(stress.different)} different"
+    )
     print("  " + ", ".join(f"{name} {count}" for name, count in stress.counts.items()))
     return int(bool(stress.different))
 
