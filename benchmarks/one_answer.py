@@ -227,7 +227,8 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="every configuration, each in a process of its own")
     options = parser.parse_args()
     if options.all:
-        return every_configuration(options.minutes, ["--only", *options.only] if options.only else [])
+        rest = ["--strangers", str(options.strangers)] + (["--only", *options.only] if options.only else [])
+        return every_configuration(options.minutes, rest)
     configure(options)
     import jax
 
