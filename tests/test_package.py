@@ -123,6 +123,31 @@ def test_jax_computes_small_products_right(dtype, rows):
     assert wrong == 0, f"JAX {jax.__version__} computes {wrong} of {rows} rows wrong: {message}"
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_compiled_program_gives_one_answer(dtype):
+    """The canary for JAX issue 39741 and TensorFlow issue 126812: sums and products that XLA cuts up for several threads, called four at
+    a time; benchmarks/one_answer.py is the long form. The sums over what is broadcast are exact in both precisions; JAX 0.10.2 and 0.11.1
+    have other answers for them (of 40 calls in at least one, of the second in single precision in all), 0.10.1 and 0.12.0 never."""
+    a = np.random.default_rng(7).standard_normal((300, 500)).astype(dtype)
+    long, short = np.ones((1024, 1), dtype), np.ones((512, 1), dtype)
+
+    @jax.jit
+    def program(a, long, short):
+        product = jnp.tanh(a @ a.T)
+        sums = jnp.sum(a, axis=0), jnp.sum(a, axis=1), jnp.sum(a * a), jnp.sum(product, axis=(0, 1))
+        exact = jnp.sum(jnp.broadcast_to(long, (2, 1024, 1024))), jnp.sum(jnp.broadcast_to(short, (8, 512, 512)))
+        return exact, product, *sums
+
+    def bits(answer):
+        return [np.asarray(part).tobytes() for part in jax.tree.leaves(answer)]
+
+    first = program(a, long, short)
+    message = f"JAX {jax.__version__}: avoid this release (JAX issue 39741, TensorFlow issue 126812)"
+    assert [float(total) for total in first[0]] == [2 * 1024**2, 8 * 512**2], message
+    different = sum(bits(answer) != bits(first) for _ in range(10) for answer in [program(a, long, short) for _ in range(4)])
+    assert different == 0, f"{different} of 40 calls differ; {message}"
+
+
 def test_releases_of_jax_that_compute_wrong_are_excluded():
     project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
     listed = [*project["dependencies"], *project["optional-dependencies"]["cuda"]]

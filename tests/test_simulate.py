@@ -151,12 +151,17 @@ def test_channels_are_consistent(coach):
 
 def test_reductions_are_sums_over_every_step(coach):
     kinds = ["rms:carbody_acceleration", "mean:carbody_acceleration", "peak:carbody_acceleration"]
-    result = run(coach, sample=1e-3, record=["carbody_acceleration"], reduce=kinds, settle=0.2)
+    record = ["carbody_acceleration", "secondary_velocity"]
+    result = run(coach, sample=1e-3, record=record, reduce=[*kinds, "peak:secondary_velocity"], settle=0.2)
     values = np.asarray(result["carbody_acceleration"])[200:]
     rms, mean, peak = (float(result[kind]) for kind in kinds)
     assert rms == pytest.approx(np.sqrt(np.mean(values**2)), rel=1e-12)
     assert mean == pytest.approx(values.mean(), rel=1e-9)
     assert peak == pytest.approx(np.abs(values).max(), rel=1e-12)
+    # to either side: of the two bogies the largest value is negative once
+    both = np.asarray(result["secondary_velocity"])[200:]
+    assert np.any(-both.min(axis=0) > both.max(axis=0))
+    np.testing.assert_allclose(result["peak:secondary_velocity"], np.abs(both).max(axis=0), rtol=1e-12)
 
 
 def test_decimation_does_not_change_the_numbers(coach):
