@@ -9,9 +9,12 @@ attributes of a called function change that: `xla_cpu_small_call` compiles the c
 The attributes are XLA's own; a release that dropped them would only be slower (tests/test_kernels.py would say so).
 """
 
+import ctypes
 import functools
+import gc
 import os
 import platform
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -46,6 +49,22 @@ def keep_compiled(folder: str | Path | None = None) -> Path:
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
     return Path(folder)
+
+
+def forget_compiled() -> None:
+    """Let go of everything compiled so far, between studies that have no program in common: it is most of a long process's memory.
+
+    What is called again is compiled again, or read from the folder of `keep_compiled`.
+    """
+    jax.clear_caches()
+    return_memory()
+
+
+def return_memory() -> None:
+    """Give back to the system what is free: the C library keeps what the compiler needed, some 200 MB after a few large programs."""
+    gc.collect()
+    if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "malloc_trim"):  # glibc's, not musl's
+        library.malloc_trim(0)
 
 
 def fence(function: F) -> F:

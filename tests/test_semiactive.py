@@ -8,7 +8,8 @@ import laws
 import numpy as np
 import pytest
 import scipy.linalg
-from hypothesis import given, settings
+from fuzz import cheap
+from hypothesis import given
 from hypothesis import strategies as st
 from laws import ALL, CONTROLLED, K, with_law
 
@@ -65,7 +66,7 @@ def powers(coach):
     return power
 
 
-@settings(max_examples=40, deadline=None)
+@cheap(20)
 @given(seed=st.integers(0, 2**32 - 1), exponent=st.floats(-7.0, -1.0))
 def test_energy_is_only_taken_out(powers, seed, exponent):
     """Of every law, sharp and smooth, at every instant, whatever the internal states; down to the last bit.
