@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .deflections import labels, size
-from .integrate import rk4_in_loop
 from .kernels import WIDE, one_kernel
 from .lanes import CHUNK, in_threads
 from .motion import held, wheelset_shape
 from .orbits import Model, Orbit, Shooting, advanced, pack, state_rates
+from .rk4 import rk4_in_loop
 from .shooting import Problem, at_speed
 
 #: most periods of simulation; the slowest multiplier of the coach's stable limit cycles is about 0.97

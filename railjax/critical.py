@@ -12,13 +12,13 @@ from .dampers import Damper
 from .errors import InputError, NumericalError
 from .fold_search import FoldSearch, search_folds
 from .host import Answer, HostFunction
-from .integrate import STABLE_RADIUS
 from .lanes import own_axes
 from .linear import LinearCritical, Stability, linear_critical
 from .motion import PASSIVE, wheelset_shape
 from .orbits import Model, Shooting, fastest, rounded, unpack
 from .precision import require_double_precision
 from .shooting import speed_slopes
+from .step_bound import STABLE_RADIUS
 from .vehicle import Vehicle, bare
 
 #: fewest steps of RK4 in half a period; the fold of the coach moves by less than 1e-4 km/h when they are doubled

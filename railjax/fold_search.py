@@ -14,10 +14,10 @@ from jaxtyping import Float
 
 from .attractors import End, Start, drawn, one_period, patterns
 from .continuation import fold_between, fold_near, follow, hunting_mode
-from .integrate import STABLE_RADIUS
 from .lanes import in_threads
 from .orbits import DISPLACEMENT, SPEED, Model, Shooting, fastest, unpack
 from .shooting import Point, at_speed, largest_displacement, solved
+from .step_bound import STABLE_RADIUS
 
 #: shares of the linear critical speed at which motions are tried first, and of a fold's speed at which they are tried then: below
 #: it, and just above, where those of another family may live whose fold is a little lower

@@ -21,9 +21,10 @@ from jaxtyping import Array, Float, Int
 
 from .dampers import Damper
 from .deflections import layout, size
-from .integrate import fastest_rate, rk4_in_loop
 from .kernels import one_kernel
 from .motion import motion, state_rate, state_size, wheelset_shape
+from .rk4 import rk4_in_loop
+from .step_bound import fastest_rate_on_host
 from .typing import Number, Scalar
 from .vehicle import Vehicle, without_labels
 
@@ -125,10 +126,7 @@ def rounded(vehicle: Vehicle) -> Vehicle:
 
 def fastest(model: Model, speed: float) -> float:
     """Fastest rate of the vehicle at a speed (m/s), 1/s: what bounds the step of RK4."""
-    return float(_fastest(model.vehicle, speed, model.damper))
-
-
-_fastest = jax.jit(fastest_rate)
+    return fastest_rate_on_host(model.vehicle, speed, model.damper)
 
 
 def pack(model: Model, shooting: Shooting, orbit: Orbit) -> Float[np.ndarray, "unknowns"]:

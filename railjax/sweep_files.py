@@ -82,7 +82,7 @@ def read_study(path: str | Path) -> dict[str, Any]:
 def _read(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
     for key in raw:
         if key not in TOP:
-            raise InputError(f"unknown key {key!r}{nearest(key, list(TOP))}")
+            raise InputError(f"unknown key {key!r}{nearest(key, TOP)}")
     kind = _one_of(raw, "study", tuple(STUDIES))
     takes = arguments_of(STUDIES[kind].__call__)
     found: dict[str, Any] = {"study": _study(kind, _table(raw, "options"))}
@@ -116,7 +116,7 @@ def _read(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
 def _one_of(table: dict[str, Any], key: str, known: tuple[str, ...], prefix: str = "") -> str:
     value = table.get(key)
     if not isinstance(value, str) or value not in known:
-        hint = nearest(value, list(known)) if isinstance(value, str) else ""
+        hint = nearest(value, known) if isinstance(value, str) else ""
         raise InputError(f"{prefix}{key} must be one of {', '.join(known)}{hint}")
     return value
 
@@ -162,7 +162,7 @@ def _initial(table: Any) -> dict[str, float]:
     values: dict[str, float] = {}
     for key, value in table.items():
         if key not in accepted:
-            raise InputError(f"unknown key options.initial.{key}{nearest(key, list(accepted), 'options.initial')}")
+            raise InputError(f"unknown key options.initial.{key}{nearest(key, accepted, 'options.initial')}")
         name, factor = accepted[key]
         _once(values, name, f"options.initial.{key}")
         values[name] = number(value, f"options.initial.{key}") * factor
@@ -236,7 +236,7 @@ def _random_track(table: dict[str, Any]) -> RandomTrack:
         if not isinstance(named[key], kind) or isinstance(named[key], bool):
             raise InputError(f"track.{key} must be a {'name' if kind is str else 'whole number'}, not {shown(named[key])}")
     keys = {"length_m": "length", "amplitude": "amplitude"}
-    numbers = {keys[key]: number(table[key], f"track.{key}") for key in keys if key in table}
+    numbers: dict[str, Any] = {keys[key]: number(table[key], f"track.{key}") for key in keys if key in table}
     try:
         return RandomTrack(**named, **numbers)
     except InputError as error:
@@ -247,7 +247,7 @@ def _damper(table: dict[str, Any], vehicle: Vehicle, speed: float | None) -> Any
     kind = _one_of(table, "kind", DAMPERS, "damper.")
     if kind == "clipped-lqr" and speed is None:
         raise InputError("damper.kind clipped-lqr is designed at a speed: give speed_kmh")
-    damper = make_damper(kind, vehicle, 1.0 if speed is None else speed, None)
+    damper: Any = make_damper(kind, vehicle, 1.0 if speed is None else speed, None)
     rest = {key: value for key, value in table.items() if key not in ("kind", "law")}
     values: dict[str, Any] = dict(_numbers(damper, rest, "damper"))
     if "law" in table:
@@ -294,7 +294,7 @@ def _parameter(key: str, found: dict[str, Any]) -> tuple[str, float]:
         raise InputError(f"unknown parameter over.{key}{nearest(key, examples)}")
     accepted = _accepted(part)
     if last not in accepted:
-        raise InputError(f"unknown parameter over.{key}{nearest(last, list(accepted), '.'.join(path))}")
+        raise InputError(f"unknown parameter over.{key}{nearest(last, accepted, '.'.join(path))}")
     field, factor = accepted[last]
     return ".".join([*path, field.name]), factor
 

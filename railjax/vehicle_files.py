@@ -164,7 +164,7 @@ def _check_provenance(parameter: str, entry: Any, where: str) -> None:
         raise InputError(f"{name} needs a table with status = one of {', '.join(STATUSES)}")
     for key in entry:
         if key not in PROVENANCE:
-            raise InputError(f"{name}: unknown key {key!r}{nearest(key, list(PROVENANCE))}")
+            raise InputError(f"{name}: unknown key {key!r}{nearest(key, PROVENANCE)}")
     if "value" in entry:
         number(entry["value"], f"{name}.value")
     if not isinstance(entry.get("note", ""), str):

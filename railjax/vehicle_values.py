@@ -5,6 +5,7 @@ names file, key and fix.
 import dataclasses
 import difflib
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from .vehicle import OPTIONAL, BumpStop, LateralDamper, YawDamper
 Table = dict[str, Any]
 
 
-def nearest(key: str, known: list[str], part: str = "") -> str:
+def nearest(key: str, known: Iterable[str], part: str = "") -> str:
     """The known key most like an unknown one, as the end of a message."""
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)[0]
     return f"; did you mean {part + '.' if part else ''}{near}?"
@@ -99,7 +100,7 @@ def hertz(table: Any, name: str) -> Table:
     values = {}
     for key, value in table.items():
         if key not in HERTZ_KEYS:
-            raise InputError(f"{name}: unknown key {key!r}{nearest(key, list(HERTZ_KEYS))}")
+            raise InputError(f"{name}: unknown key {key!r}{nearest(key, HERTZ_KEYS)}")
         given = number(value, f"{name}.{key}") * (1e9 if key.endswith("GPa") else 1.0)
         if HERTZ_KEYS[key] == "poisson":
             if not 0.0 <= given <= 0.5:

@@ -4,20 +4,39 @@ import os
 from pathlib import Path
 
 import pytest
+from fuzz import EXAMPLES
+from hypothesis import settings
 from jaxtyping import install_import_hook
 
-# nearly all of the tests' time is compilation: workers, subprocesses and later runs share what one of them has compiled
+# nearly all of the tests' time is compilation: workers, subprocesses and later runs share what one of them has compiled, single
+# operations too (20 ms each, hundreds of them in a file)
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 # JAX 0.10 warns on standard error that it may lack processor features which only its compiler knows by that name
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 install_import_hook("railjax", "beartype.beartype")
 
 import railjax  # noqa: E402
+from railjax.kernels import forget_compiled  # noqa: E402
 
 railjax.use_double_precision()
 railjax.use_all_cores()
+
+# the same examples in every run, unless as many others are asked for (tests/fuzz.py)
+settings.register_profile("railjax", deadline=None, database=None, derandomize=not EXAMPLES)
+settings.load_profile("railjax")
+
+#: bytes that a worker may hold between two tests; what is compiled is most of it, and comes back from the disk
+HELD = 1.1e9
+
+
+@pytest.fixture(autouse=True)
+def _memory():
+    yield
+    pages = Path("/proc/self/statm")
+    if pages.exists() and int(pages.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > HELD:
+        forget_compiled()
 
 
 @pytest.fixture(scope="session")

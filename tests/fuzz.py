@@ -1,6 +1,6 @@
 """What the tests of robustness share: a writer of TOML, values that no file should hold, and mutations of a file's tables.
 
-`RAILJAX_FUZZ=2000` in the environment makes as many examples of the vehicle files instead of the few that a test can afford.
+`RAILJAX_FUZZ=2000` in the environment makes as many examples, other ones in every run, instead of the few that a test can afford.
 """
 
 import datetime
@@ -13,11 +13,8 @@ EXAMPLES = int(os.environ.get("RAILJAX_FUZZ", "0"))
 
 
 def cheap(examples):
-    """Settings of a test of few examples, the same in every run; of as many as the environment asks for, else."""
-    quiet = [HealthCheck.too_slow, HealthCheck.data_too_large]
-    return settings(
-        max_examples=EXAMPLES or examples, deadline=None, derandomize=not EXAMPLES, database=None, suppress_health_check=quiet
-    )
+    """Settings of a test of few examples (the same in every run: conftest.py), or of as many as the environment asks for."""
+    return settings(max_examples=EXAMPLES or examples, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 
 def toml(tables):

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
-from hypothesis import given, settings
+from fuzz import cheap
+from hypothesis import given
 from hypothesis import strategies as st
 
 from railjax import hydraulics
@@ -51,7 +52,7 @@ def test_sizes_print_themselves():
     assert "274.286 to 342.857 N" in str(lanes)
 
 
-@settings(max_examples=50, deadline=None)
+@cheap(20)
 @given(area=st.floats(1e-6, 2e-5), flow=st.floats(1e-5, 1e-3))
 def test_orifice_flow_and_drop_are_inverse_and_odd(area, flow):
     drop = hydraulics.orifice_drop(area, flow)
@@ -118,7 +119,7 @@ def test_the_pilot_reaches_the_passive_damper_s_force():
     assert float(hydraulics.damping_force(DAMPER, PILOT, 0.12, mr_force)) == pytest.approx(5000.0, rel=1e-6)
 
 
-@settings(max_examples=50, deadline=None)
+@cheap(20)
 @given(velocity=st.floats(0.001, 0.5), mr_force=st.floats(0.0, 400.0), law=st.sampled_from(["sharp", "smooth"]))
 def test_force_grows_with_velocity_and_with_the_mr_force(velocity, mr_force, law):
     def force(v, f):

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
-from hypothesis import given, settings
+from fuzz import cheap
+from hypothesis import given
 from hypothesis import strategies as st
 
 import railjax
@@ -69,7 +70,7 @@ def test_plate_coefficient_against_the_exact_bingham_flow(stiffness):
     assert force / newtonian == pytest.approx(exact, rel=0.02)
 
 
-@settings(max_examples=40, deadline=None)
+@cheap(20)
 @given(gap=st.floats(0.2e-3, 0.8e-3), pole=st.floats(1e-3, 6e-3), velocity=st.floats(1e-3, 0.1), stress=st.floats(1e4, 6e4))
 def test_least_volume_is_the_active_one_and_forces_are_monotonic(gap, pole, velocity, stress):
     device = dataclasses.replace(DEVICE, gap=gap, pole_width=pole)

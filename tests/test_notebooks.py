@@ -1,6 +1,5 @@
 """The notebooks run from top to bottom and show a figure; none is committed with its outputs."""
 
-import shutil
 from pathlib import Path
 
 import nbformat
@@ -9,9 +8,22 @@ from nbclient import NotebookClient
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
 
+#: before each: nothing of another notebook is there, neither names nor memory
+FRESH = "%reset -f\nimport railjax.kernels\nrailjax.kernels.forget_compiled()\n%reset -f"
 
-def code_cells(path: Path) -> list:
-    return [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+
+def code_cells(notebook: nbformat.NotebookNode) -> list:
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    """One process for all, in a folder of its own: starting it and importing JAX takes seconds."""
+    folder = {"metadata": {"path": str(tmp_path_factory.mktemp("notebooks"))}}
+    client = NotebookClient(nbformat.v4.new_notebook(), timeout=300, kernel_name="python3", resources=folder)
+    yield client
+    client.nb = nbformat.v4.new_notebook()
+    client.execute()  # the last time, after which the process ends
 
 
 def test_there_are_notebooks() -> None:
@@ -19,15 +31,12 @@ def test_there_are_notebooks() -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_committed_without_outputs(path: Path) -> None:
-    assert all(cell.outputs == [] and cell.execution_count is None for cell in code_cells(path))
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_runs_and_shows_a_figure(path: Path, tmp_path: Path) -> None:
-    copy = Path(shutil.copy(path, tmp_path))
-    notebook = nbformat.read(copy, as_version=4)
-    client = NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}})
-    client.execute()
-    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+def test_runs_and_shows_a_figure(path: Path, client: NotebookClient) -> None:
+    client.nb = notebook = nbformat.read(path, as_version=4)
+    cells = code_cells(notebook)
+    assert all(cell.outputs == [] and cell.execution_count is None for cell in cells), "committed with its outputs"
+    assert "railjax.use_double_precision()\nrailjax.use_all_cores()" in cells[0].source
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(FRESH))
+    client.execute(cleanup_kc=False)
+    outputs = [output for cell in cells for output in cell.outputs]
     assert any("image/png" in output.get("data", {}) for output in outputs)

@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from fuzz import cheap
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import qmc
 
@@ -65,7 +66,7 @@ def test_samples_are_scipys(samples):
     np.testing.assert_array_equal(strata, np.arange(samples))
 
 
-@settings(deadline=None, max_examples=50)
+@cheap(50)
 @given(shape=st.lists(st.integers(1, 9), min_size=1, max_size=3), largest=st.integers(1, 200))
 def test_blocks_cover_every_point_once_and_are_no_larger_than_asked(shape, largest):
     axes = tuple(np.arange(float(n)) for n in shape)

@@ -10,6 +10,7 @@ import threading
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 import sweep_study
@@ -34,7 +35,7 @@ def same(found, expected):
 
 def test_worker_processes_compute_the_same_bits(coach, expected, tmp_path):
     spawn = multiprocessing.get_context("spawn")  # a forked process would share JAX's threads
-    with ProcessPoolExecutor(2, mp_context=spawn) as executor:
+    with ProcessPoolExecutor(1, mp_context=spawn) as executor:
         same(sweep_study.run(coach, executor=executor, out=tmp_path / "s.zarr"), expected)
 
 
@@ -123,35 +124,34 @@ def test_errors_of_a_study_come_back_from_the_workers():
             railjax.sweep(lambda speed, lock=threading.Lock(): speed, {"speed": speeds}, executor=executor)  # noqa: B008
 
 
-DEVICES = """
-import sys, jax, numpy as np, railjax
+def on_devices():
+    """Bits of two sweeps, printed for every process to be the same: forced runs, sharded by `jax.shard_map`, and single points."""
+    one = railjax.each_point(lambda vehicle, speed: railjax.state_matrix(vehicle, speed)[2:, 0])
+    vehicle = railjax.load_vehicle("single-wheelset")
+    forced = railjax.ForcedRun(("rms:wheelset_y",), duration=0.2)
+    for study, chunk in ((forced, 128), (one, 8)):
+        over = {"speed": np.linspace(40.0, 80.0, 2 * chunk + 3)}
+        options = {"track": railjax.SinusoidTrack(2e-3, 8.0)} if study is forced else {}
+        found = railjax.sweep(study, over, vehicle=vehicle, chunk=chunk, **options)
+        assert found.attrs["computed_on"].startswith(f"{jax.local_device_count()} cpu device(s)")
+        assert np.all(found["code"] == 0)
+        print(*[found[name].values.tobytes().hex() for name in found.data_vars])
+
+
+FOUR = """
+import jax, railjax, test_sweep_cluster
 railjax.use_double_precision()
-jax.config.update("jax_num_cpu_devices", int(sys.argv[1]))
-one = railjax.each_point(lambda vehicle, speed: railjax.state_matrix(vehicle, speed)[2:, 0])
-vehicle = railjax.load_vehicle("single-wheelset")
-run = railjax.ForcedRun(("rms:wheelset_y",), duration=0.2)
-for study, chunk in ((run, 128), (one, 8)):
-    over = {"speed": np.linspace(40.0, 80.0, 2 * chunk + 3)}
-    options = {"track": railjax.SinusoidTrack(2e-3, 8.0)} if study is run else {}
-    found = railjax.sweep(study, over, vehicle=vehicle, chunk=chunk, **options)
-    assert found.attrs["computed_on"].startswith(f"{sys.argv[1]} cpu device(s)"), found.attrs["computed_on"]
-    assert np.all(found["code"] == 0)
-    print(*[found[name].values.tobytes().hex() for name in found.data_vars])
+jax.config.update("jax_num_cpu_devices", 4)
+test_sweep_cluster.on_devices()
 """
 
 
-def test_the_number_of_devices_does_not_touch_the_numbers():
-    """Sharded over forced CPU devices by `jax.shard_map`."""
-    processes = [
-        subprocess.Popen(
-            [sys.executable, "-c", DEVICES, count], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
-        )
-        for count in ("1", "4")
-    ]
-    (one, error), (four, _) = (process.communicate(timeout=300) for process in processes)
-    assert [process.returncode for process in processes] == [0, 0], error
-    assert len(one.splitlines()) == 2
-    assert one == four
+def test_the_number_of_devices_does_not_touch_the_numbers(capsys):
+    four = subprocess.run([sys.executable, "-c", FOUR], capture_output=True, text=True, env=ENVIRONMENT, timeout=300)
+    assert four.returncode == 0, four.stderr
+    on_devices()
+    assert capsys.readouterr().out == four.stdout
+    assert len(four.stdout.splitlines()) == 2
 
 
 def test_two_processes_share_a_sweep(expected, tmp_path):

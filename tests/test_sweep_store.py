@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
-from hypothesis import given, settings
+from fuzz import cheap
+from hypothesis import given
 from hypothesis import strategies as st
 
 import railjax
@@ -420,7 +421,7 @@ def test_what_is_wrong_in_a_study_file_is_one_line(command, text, message):
     assert len(error.splitlines()) == 1
 
 
-@settings(deadline=None, max_examples=150)
+@cheap(60)
 @given(
     lines=st.lists(st.sampled_from(EXAMPLE.splitlines()), max_size=40),
     value=st.sampled_from(
