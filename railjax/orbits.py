@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .along_speed import both_at
 from .dampers import Damper
 from .deflections import layout, size
 from .kernels import one_kernel
@@ -126,7 +127,7 @@ def rounded(vehicle: Vehicle) -> Vehicle:
 
 def fastest(model: Model, speed: float) -> float:
     """Fastest rate of the vehicle at a speed (m/s), 1/s: what bounds the step of RK4."""
-    return fastest_rate_on_host(model.vehicle, speed, model.damper)
+    return fastest_rate_on_host(model.vehicle, speed, model.damper, matrices=both_at)
 
 
 def pack(model: Model, shooting: Shooting, orbit: Orbit) -> Float[np.ndarray, "unknowns"]:
