@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .deflections import labels, size
-from .kernels import WIDE, one_kernel
+from .kernels import QUICK, one_kernel, options
 from .lanes import CHUNK, in_threads
 from .motion import held, wheelset_shape
 from .orbits import Model, Orbit, Shooting, advanced, pack, state_rates
@@ -163,7 +163,7 @@ def _steps(
 
 @functools.cache
 def _one_period() -> Callable[..., tuple[Array, Array]]:
-    return jax.jit(one_kernel(_steps), compiler_options=WIDE if jax.default_backend() == "cpu" else None)
+    return jax.jit(one_kernel(_steps), compiler_options=options(QUICK))
 
 
 def one_period(model: Model, orbit: Orbit, steps: int) -> Float[np.ndarray, "samples states"]:

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, Int
 from .along_speed import both_at
 from .dampers import Damper
 from .deflections import layout, size
-from .kernels import one_kernel
+from .kernels import QUICK, one_kernel, options
 from .motion import motion, state_rate, state_size, wheelset_shape
 from .rk4 import rk4_in_loop
 from .step_bound import fastest_rate_on_host
@@ -212,7 +212,7 @@ def _by_parameters(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> F
 
 @functools.cache
 def _compiled(function: Callable[..., Any], symmetric: bool) -> Callable[..., Any]:
-    return jax.jit(one_kernel(functools.partial(function, symmetric)))
+    return jax.jit(one_kernel(functools.partial(function, symmetric)), compiler_options=options(QUICK))
 
 
 def _called(function: Callable[..., Any], model: Model, shooting: Shooting, orbit: Orbit) -> Any:
