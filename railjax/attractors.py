@@ -49,8 +49,8 @@ class Start(NamedTuple):
 
 
 class End(NamedTuple):
-    """Where a motion ended: the packed orbit as a guess for Newton, the largest displacement of any wheelset (m), and whether the
-    wheelset that measures the amplitude still swings to both sides."""
+    """Where a motion ended: the packed orbit as a guess for Newton, the largest displacement of any wheelset (m), and whether that still
+    swings to both sides."""
 
     guess: Float[np.ndarray, "unknowns"]
     displacement: float
@@ -176,18 +176,23 @@ def one_period(model: Model, orbit: Orbit, steps: int) -> Float[np.ndarray, "sam
 
 
 def _end(shooting: Shooting, start: Start, history: Float[np.ndarray, "samples states"], displacement: float) -> End:
-    """The orbit begins where the wheelset turns: the mean of the last turns, those to the left seen in the mirror, so that
-    the car body's slow sway, which dies out long after the wheelsets have settled, cancels."""
+    """The orbit from the mean of the last turns of the wheelset that moves most, those to the left seen in the mirror, so that the car
+    body's slow sway, which dies out long after the wheelsets have settled, cancels; it begins where the wheelset that measures turns."""
     model, dt = start.model, start.period / SAMPLES
-    index = model.amplitude_index(shooting.wheelset)
-    turns, period = _turns(history[:, index])
+    most = model.displacements.start + int(np.argmax(np.max(np.abs(history[:, model.displacements]), axis=0)))
+    turns, length = _turns(history[:, most])
     if len(turns) < 2 or displacement < start.rest:
         return End(pack(model, shooting, Orbit(history[0], start.period, start.speed)), displacement, False)
     if not shooting.symmetric:
-        turns = [turn for turn in turns if history[turn, index] > 0.0]
-    states = [_at_turn(model, history, turn, index, dt, start.speed) for turn in turns[-TURNS:]]
-    state = np.mean([state if state[index] > 0.0 else model.mirror * state for state in states], axis=0)
-    return End(pack(model, shooting, Orbit(state, period * dt, start.speed)), displacement, True)
+        turns = [turn for turn in turns if history[turn, most] > 0.0]
+    states = [_at_turn(model, history, turn, most, dt, start.speed) for turn in turns[-TURNS:]]
+    state = np.mean([state if state[most] > 0.0 else model.mirror * state for state in states], axis=0)
+    orbit, index = Orbit(state, length * dt, start.speed), model.amplitude_index(shooting.wheelset)
+    if most != index:
+        history = one_period(model, orbit, start.steps)
+        turn = 1 + int(np.argmax(history[1:-1, index]))
+        orbit = orbit._replace(state=_at_turn(model, history, turn, index, orbit.period / SAMPLES, start.speed))
+    return End(pack(model, shooting, orbit), displacement, True)
 
 
 def _at_turn(

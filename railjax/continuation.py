@@ -127,9 +127,12 @@ FEW_ITERATIONS = 5
 def fold_near(model: Model, shooting: Shooting, other: Model, fold: Point) -> Point | None:
     """The fold of a vehicle that is little different from the `other`, whose `fold` is given; None where it is not near that."""
     start = _carried_over(model, shooting, other, fold)
-    if start is None:
-        return None
-    # the secant method for the slope along the direction that the branch has there
+    return None if start is None else fold_beside(model, shooting, start)
+
+
+def fold_beside(model: Model, shooting: Shooting, start: Point) -> Point | None:
+    """The fold near an orbit of the same branch, by the secant method for the slope along the direction that the branch has there; None
+    where it is not near."""
     row, nearest, share = start.direction, start, 0.0
     before: tuple[float, float] | None = None
     for _ in range(NEAR_TRIES):
