@@ -26,8 +26,11 @@ from .typing import Number
 #: Newton goes on until all residuals (of the units above) are below the first, and an orbit counts as closed below the second,
 #: for at a flange's corner Newton creeps
 AIM, CLOSED = 1e-9, 1e-7
-#: Newton gives up after so many steps, or where a step halved so often does not make the residual smaller
+#: Newton gives up after so many steps; one that does not make the residual smaller is halved so often
 MOST_ITERATIONS, MOST_HALVINGS = 16, 6
+#: so often the whole step is taken all the same, where it leads to a residual of less than the second: out of a trap that a flange's
+#: corner between two steps of RK4 can make
+MOST_LEAPS, LEAP = 6, 0.5
 
 
 #: residual and condition of a packed orbit
@@ -75,16 +78,20 @@ def solved(model: Model, shooting: Shooting, problem: Problem, near: Point | Non
         return np.append(residual(model, shooting, x), problem.row @ x - problem.value)
 
     here = problem.guess if near is None else _with_old_jacobian(off, problem, near)
+    leaps = 0
     for count in range(most + 1):
         equations = linearised(model, shooting, here)
         there = np.append(equations.residual, problem.row @ here - problem.value)
         bordered, error = np.vstack([equations.jacobian, problem.row]), float(np.max(np.abs(there)))
         if not error > AIM or count == most:  # NaN is finished
             break
-        step = _shortened(off, here, -solution(bordered, there), error)
-        if step is None:
-            break
-        here = here + step
+        step = -solution(bordered, there)
+        shorter = _shortened(off, here, step, error)
+        if shorter is None:
+            leaps += 1
+            if leaps > MOST_LEAPS or not np.max(np.abs(off(here + step))) < LEAP:
+                break
+        here = here + (step if shorter is None else shorter)
     last = np.zeros(len(here))
     last[-1] = 1.0
     tangent = solution(bordered, last)
