@@ -1,22 +1,26 @@
 """The motions to which a vehicle is drawn from large disturbances: simulated until they settle, then a guess for Newton.
 
-A vehicle has more than one limit cycle at a speed, because each bogie may hunt or stand still. `drawn` simulates a batch of
-starts at once, and `patterns` makes the starts that between them reach the limit cycles of bogies that barely feel each other.
+A vehicle has more than one limit cycle at a speed, because each bogie may hunt or stand still. `drawn` simulates many
+starts of many vehicles, and `patterns` makes the starts that between them reach the limit cycles of bogies that barely feel each other.
 """
 
+import functools
+import itertools
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from .deflections import labels
-from .integrate import BURST, Plan, largest_divisor, run
-from .motion import state_size, wheelset_shape
-from .orbits import Model, Orbit, Problem, Shooting, amplitude_index, at_speed, displacements, pack
-from .track import TangentTrack
-from .typing import Scalar
+from .deflections import labels, size
+from .kernels import WIDE, one_kernel
+from .lanes import CHUNK, in_threads
+from .motion import held, wheelset_shape
+from .orbits import Model, Orbit, Shooting, advanced, pack, state_rates
+from .rk4 import rk4_in_loop
+from .shooting import Problem, at_speed
 
 #: most periods of simulation; the slowest multiplier of the coach's stable limit cycles is about 0.97
 SETTLING = 60
@@ -24,112 +28,224 @@ SETTLING = 60
 STEADY = 1e-4
 #: periods of history in which one of the motion is looked for: the motion may be slower than the mode it began with
 HISTORY = 4
+#: steps of false position for the instant at which the wheelset turns
+TURNING = 4
+#: states kept of a period, and fewest steps of RK4 between two of them
+SAMPLES, FEWEST_STEPS = 40, 2
 
 
-class Drawn(NamedTuple):
-    """Where the motions of a batch ended: packed orbits as guesses for Newton, the largest displacement of any wheelset (m), and
-    whether the wheelset that measures the amplitude still swings to both sides."""
+class Start(NamedTuple):
+    """A motion that begins in `state` at a `speed` (m/s), with about the `period` (s), of which RK4 needs so many `steps`.
 
-    guesses: Float[Array, "lanes unknowns"]
-    displacements: Float[Array, "lanes"]
-    swings: Bool[Array, "lanes"]
-
-
-def drawn(
-    model: Model,
-    shooting: Shooting,
-    starts: Float[Array, "lanes states"],
-    period: Scalar,
-    speeds: Float[Array, "lanes"],
-    rest: Scalar = 0.0,
-) -> Drawn:
-    """The motions from `starts` at `speeds` (m/s), simulated with steps for about the `period` (s).
-
-    A motion whose wheelsets all move by less than `rest` (m) has died out; the simulation ends when each has settled or died out,
-    at the latest after `SETTLING` periods.
+    It has died out where its wheelsets all move by less than `rest` (m).
     """
-    per_period = 2 * shooting.steps if shooting.symmetric else shooting.steps
-    every = largest_divisor(per_period, BURST)
-    plan = Plan(samples=1, every=every, record=(), reduce=("peak:wheelset_y",))
 
-    def some_steps(x: Float[Array, "states lanes"], _: None) -> tuple[Array, tuple[Array, Array]]:
-        """The batch kernel of `simulate`, lanes last."""
-        ran = run(model.vehicle, model.damper, speeds, TangentTrack(), x, period / per_period, 0.0, plan)
-        return ran.final, (x, ran.reductions[plan.reduce[0]])
-
-    def unsettled(carry: _Settling) -> Bool[Array, ""]:
-        settled = jnp.abs(carry.now - carry.before) < STEADY * carry.now
-        done = settled | (carry.now < rest) | ~jnp.isfinite(carry.now)
-        return (carry.count < HISTORY) | (~jnp.all(done) & (carry.count < SETTLING))
-
-    def one_period(carry: _Settling) -> _Settling:
-        x, (states, peaks) = jax.lax.scan(some_steps, carry.x, length=per_period // every)
-        history = jnp.concatenate([carry.history[states.shape[0] :], states])
-        return _Settling(x, history, carry.now, jnp.max(peaks, axis=(0, 1, 2)), carry.count + 1)
-
-    x, nothing = starts.T, jnp.zeros(speeds.shape)
-    empty = jnp.zeros((HISTORY * per_period // every, *x.shape))
-    end = jax.lax.while_loop(unsettled, one_period, _Settling(x, empty, nothing, nothing, jnp.asarray(0)))
-
-    def closed(history: Float[Array, "samples states"], speed: Array) -> tuple[Array, Bool[Array, ""]]:
-        y = history[:, amplitude_index(model.vehicle, shooting.wheelset)]
-        weights, length, swings = _one_swing(y)
-        guess = Orbit(weights @ history, jnp.where(swings, length * every / per_period, 1.0) * period, speed)
-        return pack(model, shooting, guess), swings
-
-    guesses, swings = jax.vmap(closed, in_axes=(2, 0))(end.history, speeds)
-    return Drawn(guesses, end.now, swings)
+    model: Model
+    state: Float[np.ndarray, "states"]
+    period: float
+    speed: float
+    steps: int
+    rest: float = 0.0
 
 
-class _Settling(NamedTuple):
-    """Motions on their way: states, those of the last periods, the peaks of the period before and of the last, periods."""
+class End(NamedTuple):
+    """Where a motion ended: the packed orbit as a guess for Newton, the largest displacement of any wheelset (m), and whether the
+    wheelset that measures the amplitude still swings to both sides."""
 
-    x: Float[Array, "states lanes"]
-    history: Float[Array, "samples states lanes"]
-    before: Float[Array, "lanes"]
-    now: Float[Array, "lanes"]
-    count: Int[Array, ""]
-
-
-def _one_swing(y: Float[Array, "samples"]) -> tuple[Float[Array, "samples"], Float[Array, ""], Bool[Array, ""]]:
-    """Weights of the samples at the instant when y is farthest to the right in the first half, samples of the period after it, and
-    whether there is one."""
-    index = jnp.arange(y.shape[0])
-    right = jnp.argmax(jnp.where((index > 0) & (index < y.shape[0] // 2), y, -jnp.inf))
-    # the top of the parabola through three samples
-    left, top, after = y[right - 1], y[right], y[right + 1]
-    curved = 2.0 * top - left - after
-    off = jnp.clip(jnp.where(curved > 0.0, 0.5 * (after - left) / jnp.where(curved > 0.0, curved, 1.0), 0.0), -0.5, 0.5)
-    parabola = jnp.stack([0.5 * off * (off - 1.0), 1.0 - off**2, 0.5 * off * (off + 1.0)])
-    weights = jnp.zeros(y.shape).at[right + jnp.arange(-1, 2)].set(parabola)
-    # two passages through the middle from right to left
-    ahead = jnp.append(y[1:], y[-1])
-    passing = (y > 0.0) & (ahead <= 0.0)
-    first = jnp.argmax(passing & (index >= right))
-    second = jnp.argmax(passing & (index > first))
-    instants = index + y / jnp.where(passing, y - ahead, 1.0)
-    return weights, instants[second] - instants[first], (first >= right) & passing[first] & (second > first)
+    guess: Float[np.ndarray, "unknowns"]
+    displacement: float
+    swings: bool
 
 
-def settled(model: Model, shooting: Shooting, state: Float[Array, "states"], period: Scalar, speed: Scalar) -> Problem:
-    """The limit cycle to which the vehicle is drawn at a speed (m/s) from a state on, about whose period (s) is known."""
-    found = drawn(model, shooting, state[None], period, jnp.asarray(speed)[None])
-    return at_speed(model, shooting, found.guesses[0], speed)
+def drawn(shooting: Shooting, starts: Sequence[Start]) -> list[End]:
+    """The motions from the starts, simulated until each has settled or died out, at most `SETTLING` periods.
+
+    All models have the same structure. As many run together as a chunk has lanes; where one has ended the next begins.
+    """
+    pieces = -(-len(starts) // CHUNK)
+    queues = [list(enumerate(starts))[first::pieces] for first in range(pieces)]
+    found = in_threads(lambda queue: list(_settled(shooting, queue)), queues)
+    return [end for _, end in sorted((pair for part in found for pair in part), key=lambda pair: pair[0])]
 
 
-def patterns(model: Model, state: Float[Array, "states"], displacement: Scalar) -> Float[Array, "patterns states"]:
+def _settled(shooting: Shooting, queue: list[tuple[int, Start]]) -> Iterator[tuple[int, End]]:
+    """The motions of a queue with their numbers, as they end."""
+    batch = _Batch([start for _, start in queue])
+    waiting = iter(queue)
+    lanes: list[_Lane | None] = [batch.begin(k, next(waiting, None)) for k in range(CHUNK)]
+    while any(lane is not None for lane in lanes):
+        peaks = batch.one_period()
+        for k, lane in enumerate(lanes):
+            if lane is not None and lane.ended(float(peaks[k])):
+                yield lane.number, _end(shooting, lane.start, batch.history(k), lane.now)
+                lanes[k] = batch.begin(k, next(waiting, None))
+
+
+class _Lane:
+    """A motion on its way: its largest displacement in the period before and in the last, periods."""
+
+    def __init__(self, number: int, start: Start) -> None:
+        self.number, self.start = number, start
+        self.before = self.now = 0.0
+        self.periods = 0
+
+    def ended(self, peak: float) -> bool:
+        """After one more period."""
+        self.before, self.now, self.periods = self.now, peak, self.periods + 1
+        if self.periods < HISTORY:
+            return False
+        settled = abs(self.now - self.before) < STEADY * self.now
+        return settled or self.now < self.start.rest or not np.isfinite(self.now) or self.periods >= SETTLING
+
+
+class _Batch:
+    """Motions that are integrated together, a lane each."""
+
+    def __init__(self, starts: list[Start]) -> None:
+        model, lanes = starts[0].model, np.ones(CHUNK)
+        self.models = jax.tree.map(lambda leaf: np.asarray(leaf, float)[..., None] * lanes, model)
+        self.in_lane: list[Model] = [model] * CHUNK
+        self.x = np.zeros((len(starts[0].state), CHUNK))
+        self.slowness, self.dt = lanes / starts[0].speed, lanes * starts[0].period / SAMPLES
+        self.every = max(FEWEST_STEPS, *(-(-start.steps // SAMPLES) for start in starts))
+        self.at = model.displacements
+        self.periods: deque[np.ndarray] = deque(maxlen=HISTORY)
+
+    def begin(self, k: int, entry: tuple[int, Start] | None) -> _Lane | None:
+        """The next motion in lane k, if there is one; else the lane goes on with rest."""
+        if entry is None:
+            self.x[:, k] = 0.0
+            return None
+        number, start = entry
+        if start.model is not self.in_lane[k]:
+            for leaf, own in zip(jax.tree.leaves(self.models), jax.tree.leaves(start.model), strict=True):
+                leaf[..., k] = own
+            self.in_lane[k] = start.model
+        self.x[:, k], self.slowness[k], self.dt[k] = start.state, 1.0 / start.speed, start.period / SAMPLES
+        return _Lane(number, start)
+
+    def one_period(self) -> Float[np.ndarray, "lanes"]:
+        """Integrate; the largest displacement of any wheelset in each lane, m."""
+        x, states = _one_period()(self.models, self.x, self.slowness, self.dt, np.asarray(self.every))
+        states, self.x = np.asarray(states), np.array(x)
+        first = self.periods[-1][-1:] if self.periods else states[:1]
+        self.periods.append(states)
+        y = np.abs(np.concatenate([first, states, self.x[None]])[:, self.at])
+        left, top, right = y[:-2], y[1:-1], y[2:]
+        # the tops of the parabolas through three samples
+        curved = 2.0 * top - left - right
+        turns = (top >= left) & (top >= right) & (curved > 0.0)
+        y = np.where(turns, top + (right - left) ** 2 / (8.0 * np.where(turns, curved, 1.0)), top)
+        return np.max(y, axis=(0, 1))
+
+    def history(self, k: int) -> Float[np.ndarray, "samples states"]:
+        """States of the last periods of lane k."""
+        return np.concatenate([states[:, :, k] for states in self.periods])
+
+
+def _steps(
+    model: Model,
+    x: Float[Array, "states lanes"],
+    slowness: Float[Array, "lanes"],
+    dt: Float[Array, "lanes"],
+    every: Int[Array, ""],
+) -> tuple[Float[Array, "states lanes"], Float[Array, "samples states lanes"]]:
+    rate = state_rates(model, slowness, slowness.shape)
+
+    def step(_: Array, x: Array) -> Array:
+        return held(model.vehicle, model.damper, rk4_in_loop(rate, x, dt / every))
+
+    def sample(x: Array, _: None) -> tuple[Array, Array]:
+        return jax.lax.fori_loop(0, every, step, x), x
+
+    return jax.lax.scan(sample, held(model.vehicle, model.damper, x), length=SAMPLES)
+
+
+@functools.cache
+def _one_period() -> Callable[..., tuple[Array, Array]]:
+    return jax.jit(one_kernel(_steps), compiler_options=WIDE if jax.default_backend() == "cpu" else None)
+
+
+def one_period(model: Model, orbit: Orbit, steps: int) -> Float[np.ndarray, "samples states"]:
+    """States of a limit cycle over a period, of which RK4 needs so many `steps`."""
+    start = Start(model, np.asarray(orbit.state), float(orbit.period), float(orbit.speed), steps)
+    batch = _Batch([start])
+    batch.begin(0, (0, start))
+    batch.one_period()
+    return batch.history(0)
+
+
+def _end(shooting: Shooting, start: Start, history: Float[np.ndarray, "samples states"], displacement: float) -> End:
+    """The orbit begins where the wheelset turns: the mean of all turns of the history, those to the left seen in the mirror, so that
+    the car body's slow sway, which dies out long after the wheelsets have settled, cancels."""
+    model, dt = start.model, start.period / SAMPLES
+    index = model.amplitude_index(shooting.wheelset)
+    turns, period = _turns(history[:, index])
+    if len(turns) < 2:
+        return End(pack(model, shooting, Orbit(history[0], start.period, start.speed)), displacement, False)
+    if not shooting.symmetric:
+        turns = [turn for turn in turns if history[turn, index] > 0.0]
+    states = [_at_turn(model, history, turn, index, dt, start.speed) for turn in turns]
+    state = np.mean([state if state[index] > 0.0 else model.mirror * state for state in states], axis=0)
+    return End(pack(model, shooting, Orbit(state, period * dt, start.speed)), displacement, True)
+
+
+def _at_turn(
+    model: Model, history: Float[np.ndarray, "samples states"], turn: int, index: int, dt: float, speed: float
+) -> Float[np.ndarray, "states"]:
+    """The state at the instant, next to a sample, where the displacement `index` turns: found by the flow itself, for between samples a
+    flange may strike."""
+    rate, side = index + size(model.vehicle), np.sign(history[turn, index])
+    before = turn if side * history[turn, rate] > 0.0 else turn - 1
+    (early, rising), (late, falling) = ((k * dt, side * history[before + k, rate]) for k in (0, 1))
+    state = history[turn]
+    for _ in range(TURNING if falling < 0.0 < rising else 0):
+        middle = early + (late - early) * rising / (rising - falling)
+        state = advanced(model, Orbit(history[before], middle, speed))
+        if side * state[rate] > 0.0:
+            early, rising, falling = middle, side * state[rate], 0.5 * falling
+        else:
+            late, falling, rising = middle, side * state[rate], 0.5 * rising
+    return state
+
+
+def _turns(y: Float[np.ndarray, "samples"]) -> tuple[list[int], float]:
+    """The samples at which y is farthest out between two passages through the middle, and those of a period, from one passage to the next
+    but one; none where it does not swing."""
+    if not np.all(np.isfinite(y)):
+        return [], 0.0
+    passing = np.flatnonzero((y[:-1] > 0.0) != (y[1:] > 0.0))
+    if len(passing) < 3:
+        return [], 0.0
+    turns = [int(a + 1 + np.argmax(np.abs(y[a + 1 : b + 1]))) for a, b in itertools.pairwise(passing)]
+    instants = passing + y[passing] / (y[passing] - y[passing + 1])
+    count = (len(instants) - 1) // 2 * 2
+    return turns, float(2.0 * (instants[count] - instants[0]) / count)
+
+
+def settled(
+    model: Model, shooting: Shooting, state: Float[np.ndarray, "states"], period: float, speed: float, steps: int
+) -> Problem:
+    """The limit cycle to which the vehicle is drawn at a speed (m/s) from a state on, about whose period (s) and the `steps` that RK4
+    needs for it are known."""
+    (end,) = drawn(shooting, [Start(model, state, period, speed, steps)])
+    return at_speed(model, shooting, end.guess, speed)
+
+
+def patterns(model: Model, state: Float[np.ndarray, "states"], displacement: float) -> Float[np.ndarray, "patterns states"]:
     """Starts made of the motion of the bogie that moves most: all bogies alike, neighbours opposite, and each by itself.
 
     The largest displacement of its wheelsets becomes `displacement` (m); the car body and the dampers' internal states stay.
     """
     own, shared = _parts(model)
     bogies = len(own)
-    moved = jnp.max(jnp.abs(state[displacements(model)]).reshape(bogies, -1), axis=1)
-    most = jnp.argmax(moved)
-    motion = state[jnp.asarray(own)[most]] * displacement / moved[most]
+    moved = np.max(np.abs(state[model.displacements]).reshape(bogies, -1), axis=1)
+    most = np.argmax(moved)
+    motion = state[own[most]] * displacement / moved[most]
     signs = [np.ones(bogies)] if bogies == 1 else [np.ones(bogies), (-1.0) ** np.arange(bogies), *np.eye(bogies)]
-    each = jnp.asarray(np.array(signs))[:, :, None] * motion
-    return jnp.zeros((len(signs), state.shape[0])).at[:, own].set(each) + state * shared
+    starts = np.tile(state * shared, (len(signs), 1))
+    starts[:, own] = np.array(signs)[:, :, None] * motion
+    return starts
 
 
 def _parts(model: Model) -> tuple[np.ndarray, np.ndarray]:
@@ -144,5 +260,5 @@ def _parts(model: Model) -> tuple[np.ndarray, np.ndarray]:
         return int(index[:-1]) // (axles if part.startswith("wheelset") else 1)
 
     owner = np.array([of(name) for name in names])
-    owner = np.concatenate([owner, owner, np.full(state_size(model.vehicle, model.damper) - 2 * len(names), -1)])
+    owner = np.concatenate([owner, owner, np.full(model.states - 2 * len(names), -1)])
     return np.array([np.flatnonzero(owner == bogie) for bogie in range(bogies)]), (owner == -1).astype(float)

@@ -10,27 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .critical import Hunting, default_steps, default_wheelset, nonlinear_critical
+from .critical import Hunting, default_wheelset, enough_steps, nonlinear_critical
 from .dampers import Damper
 from .errors import InputError, NumericalError
-from .fold_search import Fold, search_fold
+from .fold_search import FoldSearch, search_folds
 from .linear import LinearCritical, Stability, linear_critical
 from .motion import PASSIVE
-from .orbits import (
-    BY_AMPLITUDE,
-    DISPLACEMENT,
-    SPEED,
-    Model,
-    Point,
-    Shooting,
-    linearised,
-    rounded,
-    row_of,
-    scales,
-    section,
-    unpack,
-)
+from .orbits import DISPLACEMENT, SPEED, Model, Shooting, model_of, rounded, section, unpack
 from .precision import require_double_precision
+from .shooting import BY_AMPLITUDE, Point, row_of
 from .units import KMH
 from .vehicle import Provenance, Vehicle, bare, get_parameter, set_parameter
 from .vehicle_values import nearest
@@ -218,7 +206,8 @@ class _Trials:
             raise InputError(f"to: at the start the vehicle has no linear critical speed ({stability.name}); start elsewhere")
         if not self.folding:
             return
-        self.shooting = Shooting(default_steps(vehicle, self.damper, linear), self.wheelset)
+        steps = enough_steps(model_of(vehicle, self.damper), float(linear.speed), float(linear.frequency))
+        self.shooting = Shooting(steps, self.wheelset)
         found = nonlinear_critical(vehicle, damper=self.damper, wheelset=self.wheelset, steps=self.shooting.steps)
         hunting = Hunting(int(found.code))
         if hunting == Hunting.SUPERCRITICAL:
@@ -226,13 +215,16 @@ class _Trials:
         if hunting != Hunting.OK:
             raise NumericalError(f"calibrate: at the start no fold was found ({hunting.name}); start elsewhere")
 
-    def _try(self, logs: np.ndarray) -> tuple[LinearCritical, Fold | None]:
+    def _try(self, logs: np.ndarray) -> tuple[LinearCritical, Point | None]:
+        """The linear critical speed, and the fold if it is wanted and there is one."""
         if self.at is None or not np.array_equal(self.at, logs):
             vehicle = self.vehicle_of(logs)
             linear = linear_critical(vehicle, damper=self.damper)
             fold = None
-            if self.shooting is not None:
-                fold = search_fold(bare(rounded(vehicle), self.damper), linear, self.shooting, None)
+            if self.shooting is not None and int(linear.code) == Stability.OK:
+                search = FoldSearch(model_of(vehicle, self.damper), self.shooting, float(linear.speed))
+                search_folds([search])
+                fold = search.fold
             self.at, self.found = logs.copy(), (linear, fold)
         return self.found
 
@@ -241,10 +233,8 @@ class _Trials:
         linear, fold = self._try(logs)
         values = {"linear_kmh": float(linear.speed) * KMH}
         if fold is not None:
-            there = 1.0 if bool(fold.found) else np.nan
-            values["fold_kmh"] = there * float(fold.speed) * KMH
-            values["fold_amplitude_mm"] = there * float(fold.amplitude) * 1e3
-        found = np.array([values[name] for name in self.names])
+            values |= {"fold_kmh": fold.unknowns[-1] * SPEED * KMH, "fold_amplitude_mm": fold.amplitude * 1e3}
+        found = np.array([values.get(name, np.nan) for name in self.names])
         return np.where(np.isfinite(found), found, np.nan)
 
     def jacobian(self, logs: np.ndarray) -> np.ndarray:
@@ -255,9 +245,9 @@ class _Trials:
         if "linear_kmh" in self.names:
             rows["linear_kmh"] = np.asarray(_linear_slopes(self.unknowns, given, at)) * KMH
         if fold is not None:
-            speed, amplitude = _fold_slopes(self.unknowns, given, self.shooting, at, fold.point)
+            speed, amplitude = _fold_slopes(self.unknowns, given, self.shooting, at, fold)
             rows |= {"fold_kmh": np.asarray(speed) * KMH, "fold_amplitude_mm": np.asarray(amplitude) * 1e3}
-        return np.array([rows[name] for name in self.names])
+        return np.array([rows.get(name, np.full(len(logs), np.nan)) for name in self.names])
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -284,11 +274,11 @@ def _fold_slopes(
     def residual(orbit: Float[Array, "orbit"], at: Float[Array, "unknowns"]) -> Float[Array, "states"]:
         model = model_at(at)
         start = unpack(model, shooting, orbit)
-        return section(model, shooting, start) - start.state / scales(model)
+        return section(model, shooting, start) - start.state / model.scales
 
     model, orbit = model_at(logs), point.unknowns
     row = row_of(model, shooting, BY_AMPLITUDE)
-    bordered = jnp.vstack([linearised(model, shooting, orbit).jacobian, row])
+    bordered = jnp.vstack([point.jacobian, row])
     along = point.direction / (row @ point.direction)
 
     def slope(orbit: Float[Array, "orbit"], at: Float[Array, "unknowns"]) -> Float[Array, ""]:

@@ -1,14 +1,16 @@
 """What can be recorded of a simulation: names, units, and how each is read off the vehicle's `Motion`."""
 
 import difflib
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 from jaxtyping import Array, Float
 
-from .deflections import FLOOR_POINTS, UNITS, lateral_of_floor
+from .deflections import FLOOR_POINTS, UNITS, lateral_of_floor, layout
 from .errors import InputError
 from .motion import Motion
+from .vehicle import Vehicle
 
 Values = Float[Array, "..."]
 
@@ -54,6 +56,41 @@ CHANNELS: dict[str, Channel] = _coordinates() | {
 
 #: part -> names of its places, of parts whose places have names
 PLACES = {"floor": FLOOR_POINTS}
+
+#: channels of the bogie's suspension that a lone wheelset lacks
+UNAVAILABLE = ("secondary_travel", "secondary_velocity", "damper_force")
+
+
+def has_channel(vehicle: Vehicle, name: str) -> bool:
+    """Whether this vehicle has it: held bodies have no channels."""
+    shapes = layout(vehicle)
+    parts = {group.split("_")[0] for group in shapes} | ({"bogie", "floor"} if "carbody_y" in shapes else set())
+    return CHANNELS[name].part in parts and not (name in UNAVAILABLE and len(parts) == 1)
+
+
+def shape_of(name: str, vehicle: Vehicle) -> tuple[int, ...]:
+    """Shape of a channel before its lanes, as `Channel.read` gives it: (), (3,), (n,) or (n, m)."""
+    n, m = len(vehicle.geometry.bogie_pattern), len(vehicle.geometry.axle_pattern)
+    return {"carbody": (), "floor": (len(FLOOR_POINTS),), "bogie": (n,), "wheelset": (n, m)}[CHANNELS[name].part]
+
+
+def rows_of_state(vehicle: Vehicle) -> dict[str, slice]:
+    """Coordinates and rates, the channels that stand in the state: which of its rows they are."""
+    rows, start = {}, 0
+    for suffix in ("", "_rate"):
+        for group, shape in layout(vehicle).items():
+            rows[group + suffix] = slice(start, start := start + math.prod(shape))
+    return rows
+
+
+def rows_of_motion(vehicle: Vehicle) -> dict[str, slice]:
+    """The other channels that this vehicle has, one below the other."""
+    in_state, rows, start = rows_of_state(vehicle), {}, 0
+    for name in CHANNELS:
+        if name not in in_state and has_channel(vehicle, name):
+            rows[name] = slice(start, start := start + math.prod(shape_of(name, vehicle)))
+    return rows
+
 
 #: how a channel can be summed up over a run without storing it
 REDUCTIONS = ("rms", "mean", "peak")

@@ -101,13 +101,19 @@ def _fail(message: str, code: int) -> int:
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for report.html, figures/*.png and results.json.")] = Path("results"),
     only: Annotated[list[str] | None, typer.Option(help="Run only this study (may be repeated).")] = None,
+    beyond: Annotated[bool, typer.Option("--beyond", help="Also make what goes beyond the paper, into the same report.")] = False,
     fresh: Annotated[bool, typer.Option(help="Make every study anew instead of keeping finished ones.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Reproduce the paper: every figure and number, beside the paper's own.
+    """Reproduce the paper: every figure, number and statement, beside the paper's own.
+
+    With --beyond also what the paper does not have: comfort and running safety on real tracks over speed, control strategies,
+    hunting with the controlled damper, sensitivities, the best gain over speed, comfort against critical speed.
 
     Example: railjax reproduce --out results
     """
+    import time
+
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -119,19 +125,27 @@ def reproduce(
     # not into a file or a pipe, where errors are to be the only line
     with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=None)
+        running, since = "", time.perf_counter()
 
         def advance(title: str, done: int, total: int) -> None:
+            nonlocal running, since
+            now = time.perf_counter()
+            if running and not bar.disable:
+                bar.console.print(f"{now - since:6.1f} s  {running}")
+            running, since = title, now
             bar.update(task, description=title, completed=done, total=total)
 
         with when_stopped(f"stopped; finished parts are kept in {out}, and the same command goes on there"):
-            results = run(out, only=only, fresh=fresh, progress=advance)
+            results = run(out, only=only, beyond=beyond, fresh=fresh, progress=advance)
     lines = [
         f"{q['name']}: {number(q['computed'])} {q['unit']}"
         + ("" if q["paper"] is None else f" (paper {number(q['paper'])})")
         + (" - fitted" if q["fitted"] else "")
         for q in results["quantities"]
     ]
-    show(results, [*lines, results["summary"], f"report: {out / 'report.html'}"], as_json)
+    seconds = results["seconds"]
+    took = f"{sum(seconds.values()):.0f} s in all: " + ", ".join(f"{name} {number(round(s, 1))}" for name, s in seconds.items())
+    show(results, [*lines, results["summary"], took, f"report: {out / 'report.html'}"], as_json)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import math
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -59,15 +60,11 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on s
 
 def prepare() -> None:
     """JAX as the command line uses it: double precision, all cores, and what an earlier command compiled is not compiled again."""
-    import jax
-
     from . import keep_compiled, use_all_cores, use_double_precision
 
     use_double_precision()
     use_all_cores()
-    # JAX 0.10 prints a false alarm about processor features for everything that it finds there
-    if not jax.__version__.startswith("0.10."):
-        keep_compiled()
+    keep_compiled()
 
 
 def load(name: str) -> Any:
@@ -108,12 +105,14 @@ def finite(positive: bool = True, **options: float | None) -> None:
 @contextlib.contextmanager
 def working(what: str) -> Iterator[None]:
     """Say on standard error, if that is a terminal, what is being computed and for how long."""
+    # not into a file or a pipe, where errors are to be the only line
+    if not sys.stderr.isatty():
+        yield
+        return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    console = Console(stderr=True)
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    # not into a file or a pipe, where errors are to be the only line
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as spinner:
+    with Progress(*columns, console=Console(stderr=True), transient=True) as spinner:
         spinner.add_task(what, total=None)
         yield

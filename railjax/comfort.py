@@ -1,5 +1,6 @@
 """Ride comfort of a record or a simulation: ISO 2631-1, EN 12299 and Sperling, in one report."""
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -232,25 +233,13 @@ def _report(
     if mean and blocks < FULL_TEST:
         notes.append(f"N_MV is of {blocks} blocks of 5 s; a full test has {FULL_TEST} (5 min)")
     for direction, record in records.items():
-        weighted = weighted_acceleration(record - record.mean(axis=0), sampling_rate, names[direction])[skip:]
-        values = {
-            "rms": rms(weighted),
-            "blocks": block_rms(weighted, sampling_rate),
-            "dose": vibration_dose(weighted, sampling_rate),
-            "running": running_maximum(weighted, sampling_rate),
-        }
-        values["crest"] = jnp.max(jnp.abs(weighted), axis=0) / values["rms"]
-        if mean:
-            values["percentile"] = jnp.percentile(values["blocks"], 95.0, axis=0)
-        if direction != "longitudinal":
-            values["sperling_bands"] = sperling_bands(record[skip:], sampling_rate, direction, exponents[0])
-            values["sperling"] = combined(values["sperling_bands"], exponents[1])
+        values = _measured(record, sampling_rate, names[direction], direction, skip, mean, exponents)
         for key, value in values.items():
             results[key][direction] = np.where(ok, np.asarray(value), np.nan)
         crest = results["crest"][direction]
         if np.any(crest > 9.0):
             notes.append(f"{direction}: crest factor above 9, where ISO 2631-1 asks for MTVV and VDV beside a_w")
-    whole = np.asarray(mean_comfort([jnp.asarray(value) for value in results["percentile"].values()])) if mean else None
+    whole = np.asarray(mean_comfort(list(results["percentile"].values()))) if mean else None
     return Comfort(
         sampling_rate,
         duration,
@@ -261,6 +250,34 @@ def _report(
         notes=tuple(notes),
         **results if mean else results | {"percentile": None},
     )
+
+
+# one program instead of some eighty small ones
+@functools.partial(jax.jit, static_argnames=("sampling_rate", "weighting", "direction", "skip", "mean", "exponents"))
+def _measured(
+    record: Float[Array, "samples *lanes"],
+    sampling_rate: float,
+    weighting: str,
+    direction: str,
+    skip: int,
+    mean: bool,
+    exponents: tuple[float | int, float | int],
+) -> dict[str, Float[Array, "..."]]:
+    """What `Comfort` holds of one direction."""
+    weighted = weighted_acceleration(record - record.mean(axis=0), sampling_rate, weighting)[skip:]
+    values = {
+        "rms": rms(weighted),
+        "blocks": block_rms(weighted, sampling_rate),
+        "dose": vibration_dose(weighted, sampling_rate),
+        "running": running_maximum(weighted, sampling_rate),
+    }
+    values["crest"] = jnp.max(jnp.abs(weighted), axis=0) / values["rms"]
+    if mean:
+        values["percentile"] = jnp.percentile(values["blocks"], 95.0, axis=0)
+    if direction != "longitudinal":
+        values["sperling_bands"] = sperling_bands(record[skip:], sampling_rate, direction, exponents[0])
+        values["sperling"] = combined(values["sperling_bands"], exponents[1])
+    return values
 
 
 def _of_simulation(run: Simulation, channel: str | None, place: str | int | None) -> tuple[Array, tuple[str, ...]]:

@@ -1,34 +1,14 @@
-"""Following a branch of limit cycles: where it can be entered, single steps along its tangent, and its folds.
+"""Following a branch of limit cycles: where it can be entered at the Hopf point, steps along its tangent, and its folds."""
 
-A branch is entered at the Hopf point, with the shape of the mode that loses its stability there, or on a limit cycle to which the
-vehicle is drawn (`attractors`). Everything here poses the next `Problem` and judges its solution, and `orbits.solved` is
-called by who needs it: the bifurcation diagram (`hunting`), whose loop is Python's, and the search for the nonlinear critical
-speed (`fold_search`), whose loop is compiled.
-"""
-
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jaxtyping import Float
 
-from .kernels import eig
 from .motion import state_matrix
-from .orbits import (
-    BY_AMPLITUDE,
-    DISPLACEMENT,
-    Model,
-    Orbit,
-    Point,
-    Problem,
-    Shooting,
-    amplitude_index,
-    displacements,
-    pack,
-    plane,
-    row_of,
-)
-from .typing import Scalar
+from .orbits import DISPLACEMENT, Model, Orbit, Shooting, by_parameters, pack
+from .shooting import BY_AMPLITUDE, Point, Problem, plane, row_of, solution, solved
 
 #: steps along the branch, measured in the plane of the diagram (amplitude in mm, speed in 10 m/s)
 FIRST_STEP, SMALLEST_STEP = 0.1, 2e-4
@@ -38,145 +18,160 @@ STRAIGHT = 0.9
 CORNER = 4e-3
 #: longest step that may lead over a fold: a longer one can end on a neighbouring branch
 FOLD_STEP = 0.06
+#: a fold is found when its speed is known to this (10 m/s), and so its amplitude to some 1e-7 mm, after so many orbits at most
+FOLD_TOLERANCE, MOST_TRIES = 1e-13, 40
 
 
-def hunting_mode(model: Model, shooting: Shooting, speed: Scalar) -> tuple[Float[Array, "states"], Float[Array, ""]]:
-    """Shape x of the least damped oscillating mode at the Hopf point, and its angular frequency (rad/s).
+def hunting_mode(model: Model, shooting: Shooting, speed: float) -> tuple[Float[np.ndarray, "states"], float]:
+    """Shape x of the least damped oscillating mode at the Hopf point's `speed` (m/s), and its angular frequency (rad/s).
 
     The shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there.
     """
-    values, vectors = eig(state_matrix(model.vehicle, speed, model.damper))
-    oscillating = values.imag > 1e-6 * jnp.max(jnp.abs(values))
-    chosen = jnp.argmin(jnp.where(oscillating, -values.real, jnp.inf))
+    values, vectors = np.linalg.eig(np.asarray(state_matrix(model.vehicle, speed, model.damper)))
+    oscillating = values.imag > 1e-6 * np.max(np.abs(values))
+    chosen = int(np.argmin(np.where(oscillating, -values.real, np.inf)))
     vector = vectors[:, chosen]
-    return (vector / vector[amplitude_index(model.vehicle, shooting.wheelset)]).real, values.imag[chosen]
+    return (vector / vector[model.amplitude_index(shooting.wheelset)]).real, float(values.imag[chosen])
 
 
 def near_hopf(
-    model: Model, shooting: Shooting, shape: Float[Array, "states"], omega: Scalar, speed: Scalar, amplitude: Scalar
+    model: Model, shooting: Shooting, shape: Float[np.ndarray, "states"], omega: float, speed: float, amplitude: float
 ) -> Problem:
     """The orbit of a given amplitude (m) that grows out of a mode; its direction is that of rising amplitude."""
-    guess = pack(model, shooting, Orbit(shape * amplitude, 2.0 * jnp.pi / omega, jnp.asarray(speed)))
-    return Problem(guess, row_of(model, shooting, BY_AMPLITUDE), jnp.asarray(amplitude) / DISPLACEMENT)
+    guess = pack(model, shooting, Orbit(shape * amplitude, 2.0 * np.pi / omega, speed))
+    return Problem(guess, row_of(model, shooting, BY_AMPLITUDE), amplitude / DISPLACEMENT)
 
 
-def largest_displacement(model: Model, point: Point) -> Float[Array, ""]:
-    """Largest lateral displacement of any wheelset at the instant of the point, m."""
-    return jnp.max(jnp.abs(point.unknowns[displacements(model)])) * DISPLACEMENT
-
-
-class Walk(NamedTuple):
-    """How far a branch has been followed: its last two points, the next step and the count of the steps tried."""
-
-    before: Point
-    point: Point
-    step: Float[Array, ""]
-    tried: Int[Array, ""]
-
-
-def begun(point: Point) -> Walk:
-    """A walk at its first point, onwards in the point's direction."""
-    return Walk(point, point, jnp.asarray(FIRST_STEP), jnp.asarray(0))
-
-
-def next_orbit(model: Model, shooting: Shooting, walk: Walk) -> Problem:
+def next_orbit(model: Model, shooting: Shooting, point: Point, step: float) -> Problem:
     """Pseudo-arclength continuation: along the tangent, the step measured in the plane of the diagram."""
-    shadow = jnp.linalg.norm(plane(model, shooting, walk.point.direction))
+    shadow = float(np.hypot(*plane(model, shooting, point.direction)))
     # where the branch stands steep on that plane the step is bounded in the space of all unknowns
-    guess = walk.point.unknowns + walk.step / jnp.maximum(shadow, 0.05) * walk.point.direction
-    return Problem(guess, walk.point.direction, walk.point.direction @ guess)
+    guess = point.unknowns + step / max(shadow, 0.05) * point.direction
+    return Problem(guess, point.direction, float(point.direction @ guess))
 
 
-def walked(walk: Walk, ahead: Point, largest: Scalar) -> Walk:
-    """A walk one step on, or (where the step cannot be kept) at the same point with a step half as long."""
-    straight = ahead.direction @ walk.point.direction > STRAIGHT
-    folded = ahead.direction[-1] * walk.point.direction[-1] < 0.0
-    kept = ahead.usable & (straight | (walk.step <= CORNER)) & (~folded | (walk.step <= FOLD_STEP))
-    point, before = (
-        jax.tree.map(lambda new, old: jnp.where(kept, new, old), *pair)
-        for pair in ((ahead, walk.point), (walk.point, walk.before))
-    )
-    step = jnp.where(kept, jnp.minimum(1.5 * walk.step, largest), 0.5 * walk.step)
-    return Walk(before, point, step, walk.tried + 1)
+def follow(
+    model: Model, shooting: Shooting, start: Point, largest_step: float, most: int | None = None
+) -> Iterator[tuple[Point, Point]]:
+    """Limit cycles along a branch from `start` in its direction, for as long as the caller asks.
+
+    Yields each point with the one before it. Ends where no step is short enough for Newton to converge, or after `most` tries.
+    """
+    point, step, tried = start, FIRST_STEP, 0
+    while step >= SMALLEST_STEP and tried != most:
+        tried += 1
+        ahead = solved(model, shooting, next_orbit(model, shooting, point, step), point)
+        straight = ahead.direction @ point.direction > STRAIGHT
+        folded = ahead.slope * point.slope < 0.0
+        if ahead.usable and (straight or step <= CORNER) and (not folded or step <= FOLD_STEP):
+            before, point, step = point, ahead, min(1.5 * step, largest_step)
+            yield point, before
+        else:
+            step *= 0.5
 
 
-def stuck(walk: Walk) -> Bool[Array, ""]:
-    """True where no step is short enough for Newton to converge."""
-    return walk.step < SMALLEST_STEP
+def fold_between(model: Model, shooting: Shooting, low: Point, high: Point) -> Point | None:
+    """The orbit between two neighbouring points of a branch at which the speed is stationary; None where none is found.
 
-
-class Bracket(NamedTuple):
-    """A fold between two points of a branch: the ends as shares of the chord between the first two, with their slopes."""
-
-    low: Point  # the first ends, between which shares are counted
-    row: Float[Array, "unknowns"]
-    left: Float[Array, ""]
-    right: Float[Array, ""]
-    down: Float[Array, ""]  # slope dv/ds at the left end, halved by false position where that end stays
-    up: Float[Array, ""]
-    near: Point
-    far: Point
-    best: Point
-    tried: Int[Array, ""]
-
-
-#: a fold is found when its speed is known to this (10 m/s)
-FOLD_TOLERANCE = 1e-10
-MOST_TRIES = 40
-
-
-def bracket(low: Point, high: Point) -> Bracket:
-    """Two neighbouring points of a branch, between which the speed is stationary."""
+    The secant method for the slope along the chord; bisection where that leads out, or where it does not soon halve the interval, for
+    the slope jumps where a flange begins to touch. Of own code: bisection alone would take three times as many orbits, and
+    SciPy's methods take longer to import than this runs.
+    """
     chord = high.unknowns - low.unknowns
-    row = chord / jnp.maximum(chord @ chord, 1e-30)
-    zero, one = jnp.zeros(()), jnp.ones(())
-    return Bracket(low, row, zero, one, _slope(row, low), _slope(row, high), low, high, low, jnp.asarray(0))
+    row = chord / max(chord @ chord, 1e-30)
+    left, right, width = 0.0, 1.0, 1.0
+    (before, down), (last, slope) = (0.0, _slope(row, low)), (1.0, _slope(row, high))
+    falls, known = down, {left: low, right: high}
+    for tried in range(1, MOST_TRIES + 1):
+        share = last - slope * (last - before) / (slope - down) if slope != down else left
+        if tried % 3 == 0:
+            share, width = (0.5 * (left + right) if right - left > 0.5 * width else share), right - left
+        if not left < share < right:
+            share = 0.5 * (left + right)
+        nearest = min(known, key=lambda there: abs(there - share))
+        found = _orbit_at(model, shooting, low, row, share, known[nearest])
+        if not found.usable:  # nearer to an orbit that is known Newton has a better guess
+            share = 0.5 * (share + nearest)
+            found = _orbit_at(model, shooting, low, row, share, known[nearest])
+        if not found.usable:
+            return None
+        before, down, last, slope = last, slope, share, _slope(row, found)
+        known[share] = found
+        if slope**2 * abs(last - before) < FOLD_TOLERANCE * abs(slope - down):
+            return found
+        left, right = (share, right) if slope * falls > 0.0 else (left, share)
+    return None
 
 
-def _slope(row: Float[Array, "unknowns"], point: Point) -> Float[Array, ""]:
+def _orbit_at(
+    model: Model, shooting: Shooting, low: Point, row: Float[np.ndarray, "unknowns"], share: float, nearest: Point
+) -> Point:
+    """The orbit at a share of the chord from `low` on, predicted by the tangent at a point near it."""
+    ahead = share - row @ (nearest.unknowns - low.unknowns)
+    guess = nearest.unknowns + ahead * nearest.direction / (row @ nearest.direction)
+    return solved(model, shooting, Problem(guess, row, float(row @ low.unknowns + share)), nearest)
+
+
+def _slope(row: Float[np.ndarray, "unknowns"], point: Point) -> float:
     """dv/ds along the chord."""
-    return point.direction[-1] / (row @ point.direction)
+    return point.slope / float(row @ point.direction)
 
 
-def resolved(ends: Bracket) -> Bool[Array, ""]:
-    """Whether the fold's speed is known well enough."""
-    spread = (jnp.abs(_slope(ends.row, ends.near)) + jnp.abs(_slope(ends.row, ends.far))) * (ends.right - ends.left)
-    return (spread < FOLD_TOLERANCE) & (ends.tried > 0)
+#: of a fold looked for from a neighbour's: shortest share of the way between the vehicles, first step along the branch, longest way
+#: there (mm), and most orbits
+SHORTEST, NEAR_STEP, NEAR, NEAR_TRIES = 0.2, 0.02, 2.0, 12
+#: steps of Newton after which such an orbit is taken to be too far
+FEW_ITERATIONS = 5
 
 
-def _share(ends: Bracket) -> Float[Array, ""]:
-    """Where to try next: false position (Illinois), every third time the middle, for the slope jumps where a flange begins
-    to touch. Of own code, because optimistix's bracketing method, bisection, takes three times as many orbits."""
-    share = (ends.left * ends.up - ends.right * ends.down) / (ends.up - ends.down)
-    share = jnp.where(ends.tried % 3 == 2, 0.5 * (ends.left + ends.right), share)
-    margin = 1e-3 * (ends.right - ends.left)
-    return jnp.clip(share, ends.left + margin, ends.right - margin)
+def fold_near(model: Model, shooting: Shooting, other: Model, fold: Point) -> Point | None:
+    """The fold of a vehicle that is little different from the `other`, whose `fold` is given; None where it is not near that."""
+    start = _carried_over(model, shooting, other, fold)
+    if start is None:
+        return None
+    # the secant method for the slope along the direction that the branch has there
+    row, nearest, share = start.direction, start, 0.0
+    before: tuple[float, float] | None = None
+    for _ in range(NEAR_TRIES):
+        point = start if before is None else _orbit_at(model, shooting, start, row, share, nearest)
+        if not (point.usable and point.direction @ row > STRAIGHT):
+            return None
+        slope = _slope(row, point)
+        if before is None:
+            ahead = -NEAR_STEP if slope > 0.0 else NEAR_STEP  # the speed has its minimum at a fold that limits hunting
+        else:
+            bend = (slope - before[1]) / (share - before[0])
+            if not bend > 0.0:
+                return None
+            if slope**2 < FOLD_TOLERANCE * bend:
+                return point
+            ahead = share - slope / bend
+        if not abs(ahead) < NEAR:
+            return None
+        before, share, nearest = (share, slope), ahead, point
+    return None
 
 
-def orbit_between(ends: Bracket) -> Problem:
-    """The next orbit to try for the fold, predicted by the tangent at the nearer end."""
-    share = _share(ends)
-    closer = share - ends.left < ends.right - share
-    nearest = jax.tree.map(lambda a, b: jnp.where(closer, a, b), ends.near, ends.far)
-    base = ends.row @ (nearest.unknowns - ends.low.unknowns)
-    guess = nearest.unknowns + (share - base) * nearest.direction / (ends.row @ nearest.direction)
-    return Problem(guess, ends.row, ends.row @ ends.low.unknowns + share)
+def _carried_over(model: Model, shooting: Shooting, other: Model, point: Point) -> Point | None:
+    """The orbit into which another vehicle's turns when its parameters become, step by step, those of this one: predicted by the
+    derivatives by all of them, its distance along the other's branch held."""
+    row, done, step = point.direction, 0.0, 1.0
+    change = np.concatenate([np.ravel(b - a) for a, b in zip(jax.tree.leaves(other), jax.tree.leaves(model), strict=True)])
+    while done < 1.0:
+        ahead = min(done + step, 1.0)
+        here, there = (by_mixing(other, model, share) for share in (done, ahead))
+        pushed = by_parameters(here, shooting, point.unknowns) @ change * (ahead - done)
+        guess = point.unknowns - solution(np.vstack([point.jacobian, row]), np.append(pushed, 0.0))
+        found = solved(there, shooting, Problem(guess, row, float(row @ point.unknowns)), point, FEW_ITERATIONS)
+        if found.usable and found.direction @ point.direction > STRAIGHT:
+            point, done = found, ahead
+        else:
+            step *= 0.5
+            if step < SHORTEST:
+                return None
+    return point
 
 
-def narrowed(ends: Bracket, found: Point) -> Bracket:
-    """The bracket with one end moved to the orbit tried; the end that stays counts half (Illinois). An orbit that cannot be
-    used counts as a try only, and the next is made elsewhere."""
-    share, slope = _share(ends), _slope(ends.row, found)
-    below = slope * _slope(ends.row, ends.low) > 0.0
-    moved = ends._replace(
-        left=jnp.where(below, share, ends.left),
-        right=jnp.where(below, ends.right, share),
-        down=jnp.where(below, slope, 0.5 * ends.down),
-        up=jnp.where(below, 0.5 * ends.up, slope),
-        near=jax.tree.map(lambda new, old: jnp.where(below, new, old), found, ends.near),
-        far=jax.tree.map(lambda new, old: jnp.where(below, old, new), found, ends.far),
-        best=found,
-        tried=ends.tried + 1,
-    )
-    kept = jax.tree.map(lambda new, old: jnp.where(found.usable, new, old), moved, ends)
-    return kept._replace(tried=ends.tried + 1)
+def by_mixing(one: Model, other: Model, share: float) -> Model:
+    """The vehicle between two of the same structure."""
+    return jax.tree.map(lambda a, b: b if share == 1.0 else a + share * (b - a), one, other)

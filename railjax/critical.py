@@ -1,23 +1,24 @@
 """The nonlinear critical speed: the lowest at which a limit cycle exists, the fold of its branch; and its gradient."""
 
-import functools
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from .dampers import Damper
 from .errors import InputError, NumericalError
-from .fold_search import Fold, search_fold
-from .integrate import STABLE_RADIUS, fastest_rate
-from .lanes import count_lanes, one_by_one, own_axes
+from .fold_search import FoldSearch, search_folds
+from .host import Answer, HostFunction
+from .lanes import own_axes
 from .linear import LinearCritical, Stability, linear_critical
 from .motion import PASSIVE, wheelset_shape
-from .orbits import Shooting, rounded
+from .orbits import Model, Shooting, fastest, rounded, unpack
 from .precision import require_double_precision
+from .shooting import speed_slopes
+from .step_bound import STABLE_RADIUS
 from .vehicle import Vehicle, bare
 
 #: fewest steps of RK4 in half a period; the fold of the coach moves by less than 1e-4 km/h when they are doubled
@@ -88,22 +89,16 @@ def nonlinear_critical(
     The vehicle is simulated from large disturbances (both bogies hunting in phase, opposite, or one of them) at shares of 0.6 to
     1.02 of the linear critical speed, all at once. The limit cycle at the lowest speed is followed down to its fold; then the same
     is done at shares of 0.8 to 0.9995 of the fold's speed, until no motion goes on below a fold. So what is found is the end of the
-    motions that a vehicle settles on, as a slow ramp down would show.
+    motions that a vehicle settles on, as a slow ramp down would show. Of many vehicles, those that are little different from one that
+    has been searched take their fold from that one's, and only the motions below it are tried.
+
+    The search runs on the host: `jax.grad` and `jax.vmap` work, but not `jax.jit`, inside of which it raises `InputError`.
     """
     require_double_precision("the nonlinear critical speed")
-    trees = bare(rounded(vehicle), damper)
-    axes = own_axes(trees[0]), own_axes(trees[1])
-    lanes = count_lanes(trees, axes)
     linear = linear_critical(vehicle, damper=damper)
-    if steps is None:
-        steps = _enough_steps(trees, axes, lanes, linear)
-    shooting = Shooting(steps, default_wheelset(vehicle, wheelset))
-    fold = search_fold(trees, linear, shooting, lanes)
-    # where no fold was found it is at the Hopf point that the step is judged
-    speed = jnp.where(fold.found, fold.speed, linear.speed)
-    frequency = jnp.where(fold.found, fold.frequency, linear.frequency)
-    rates = _fastest(trees, jax.lax.stop_gradient(speed), lanes)
-    return _judged(linear, fold, 0.5 / frequency / shooting.steps * rates <= STABLE_RADIUS)
+    given = bare(rounded(vehicle), damper), (linear.speed, linear.frequency, linear.code)
+    found = _searched(given, default_wheelset(vehicle, wheelset), steps)
+    return NonlinearCritical(*found[:3], linear, found[3])
 
 
 def default_wheelset(vehicle: Vehicle, wheelset: int | None) -> int:
@@ -116,55 +111,58 @@ def default_wheelset(vehicle: Vehicle, wheelset: int | None) -> int:
     return wheelset
 
 
-def default_steps(vehicle: Vehicle, damper: Damper, linear: LinearCritical) -> int:
-    """Steps in half a period of hunting for the fastest motion of the vehicle; among lanes the most that one needs.
-
-    Where the vehicle is being traced nothing is known of it: the fewest.
-    """
-    trees = bare(vehicle, damper)
-    axes = own_axes(trees[0]), own_axes(damper)
-    return _enough_steps(trees, axes, count_lanes(trees, axes), linear)
+def enough_steps(model: Model, speed: float, frequency: float) -> int:
+    """Steps in half a period of hunting for the fastest motion of the vehicle, at half the `speed` (m/s), for the branch may lead far down."""
+    needed = fastest(model, 0.5 * speed) * 0.5 / frequency / STABLE_RADIUS
+    return max(FEWEST_STEPS, 100 * int(np.ceil(needed / 100.0))) if np.isfinite(needed) else FEWEST_STEPS
 
 
-def _enough_steps(trees: tuple, axes: tuple, lanes: int | None, linear: LinearCritical) -> int:
-    # half the speed, for the branch may lead far down
-    rates = _fastest(trees, 0.5 * linear.speed, lanes)
-    if isinstance(rates, jax.core.Tracer) or isinstance(linear.frequency, jax.core.Tracer):
-        return FEWEST_STEPS
-    radii = np.atleast_1d(np.asarray(rates) * 0.5 / np.asarray(linear.frequency))
-    needed = np.max(radii[np.isfinite(radii)], initial=0.0) / STABLE_RADIUS
-    return max(FEWEST_STEPS, 100 * int(np.ceil(needed / 100.0)))
+def _many(lanes: Sequence[tuple], slopes: bool, wheelset: int, steps: int | None) -> Answer:
+    """Speed, amplitude, frequency and code of each lane: (vehicle, damper), (linear critical speed, frequency, code)."""
+    searches: dict[int, FoldSearch] = {}
+    for k, (trees, (speed, frequency, code)) in enumerate(lanes):
+        if code == Stability.OK:
+            model = Model(*trees)
+            half = enough_steps(model, float(speed), float(frequency)) if steps is None else steps
+            searches[k] = FoldSearch(model, Shooting(half, wheelset), float(speed))
+    if searches:
+        search_folds(list(searches.values()))
+    rows = [_judged(searches.get(k), *(float(value) for value in linear)) for k, (_, linear) in enumerate(lanes)]
+    values = tuple(np.array(column) for column in zip(*rows, strict=True))
+    return Answer(values, [_slopes(searches.get(k), lane, values[3][k]) for k, lane in enumerate(lanes)] if slopes else None)
 
 
-@functools.partial(jax.jit, static_argnums=2)
-def _fastest(trees: tuple, speed: Float[Array, "..."], lanes: int | None) -> Float[Array, "..."]:
-    def single(given: tuple) -> Float[Array, ""]:
-        (vehicle, damper), speed = given
-        return fastest_rate(vehicle, speed, damper)
+def _judged(search: FoldSearch | None, speed: float, frequency: float, code: float) -> tuple[float, float, float, Hunting]:
+    """Speed, amplitude and frequency, values only where there are any, and the code."""
+    if search is None:
+        result = {Stability.STABLE: Hunting.STABLE, Stability.UNSTABLE: Hunting.UNSTABLE}.get(
+            Stability(int(code)), Hunting.FAILED
+        )
+        return np.inf if result is Hunting.STABLE else np.nan, np.nan, np.nan, result
+    fold = search.fold
+    orbit = None if fold is None else unpack(search.model, search.shooting, fold.unknowns)
+    # where no fold was found it is at the Hopf point that the step is judged
+    at = (speed, frequency) if orbit is None else (float(orbit.speed), 1.0 / float(orbit.period))
+    if 0.5 / at[1] / search.shooting.steps * fastest(search.model, at[0]) > STABLE_RADIUS:
+        return np.nan, np.nan, np.nan, Hunting.STEP_TOO_LARGE
+    if fold is not None and at[0] < speed:
+        return at[0], fold.amplitude, at[1], Hunting.OK
+    if fold is not None or search.vanished:
+        return speed, 0.0, frequency, Hunting.SUPERCRITICAL
+    return np.nan, np.nan, np.nan, Hunting.FAILED
 
-    axes = (own_axes(trees[0]), own_axes(trees[1])), 0
-    return single((trees, speed)) if lanes is None else one_by_one(single, (trees, speed), axes)
+
+def _slopes(search: FoldSearch | None, lane: tuple, code: int) -> list[np.ndarray]:
+    """Derivative of the speed by each number of the lane but the code; zero where there is none, so that such a lane does not spoil a sum's."""
+    trees, (speed, frequency, _) = jax.tree.map(np.zeros_like, lane)
+    if search is not None and code == Hunting.OK:
+        trees = speed_slopes(search.model, search.shooting, search.fold)
+    return [*jax.tree.leaves(trees), np.ones_like(speed) if code == Hunting.SUPERCRITICAL else speed, frequency]
 
 
-@jax.jit
-def _judged(linear: LinearCritical, fold: Fold, holds: Bool[Array, "..."]) -> NonlinearCritical:
-    """Result codes, and values only where there are any."""
-    code = jnp.where(fold.vanished, int(Hunting.SUPERCRITICAL), int(Hunting.FAILED))
-    below = fold.speed < linear.speed
-    code = jnp.where(fold.found, jnp.where(below, int(Hunting.OK), int(Hunting.SUPERCRITICAL)), code)
-    code = jnp.where(holds, code, int(Hunting.STEP_TOO_LARGE))
-    for stability, result in (
-        (Stability.STABLE, Hunting.STABLE),
-        (Stability.UNSTABLE, Hunting.UNSTABLE),
-        (Stability.FAILED, Hunting.FAILED),
-    ):
-        code = jnp.where(linear.code == stability, int(result), code)
-    folded, at_hopf = code == Hunting.OK, code == Hunting.SUPERCRITICAL
-    nothing = jnp.where(code == Hunting.STABLE, jnp.inf, jnp.nan)
-    return NonlinearCritical(
-        jnp.where(folded, fold.speed, jnp.where(at_hopf, linear.speed, nothing)),
-        jnp.where(folded, fold.amplitude, jnp.where(at_hopf, 0.0, jnp.nan)),
-        jnp.where(folded, fold.frequency, jnp.where(at_hopf, linear.frequency, jnp.nan)),
-        linear,
-        code,
-    )
+_searched = HostFunction(
+    "the nonlinear critical speed",
+    _many,
+    (float, float, float, int),
+    lambda given: ((own_axes(given[0][0]), own_axes(given[0][1])), (0, 0, 0)),
+)

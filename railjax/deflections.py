@@ -55,7 +55,7 @@ def split(vehicle: Vehicle, q: Float[Array, "n *lanes"]) -> Groups:
     return {name: piece.reshape(shape + q.shape[1:]) for (name, shape), piece in zip(shapes.items(), pieces, strict=True)}
 
 
-def join(vehicle: Vehicle, groups: Mapping[str, Float[Array, "..."]]) -> list[Float[Array, "..."]]:
+def join(vehicle: Vehicle, groups: Mapping[str, Float[Array | np.ndarray, "..."]]) -> list[Float[Array | np.ndarray, "..."]]:
     """The groups as flat pieces in the order of q, to be concatenated once."""
     pieces = []
     for name, shape in layout(vehicle).items():

@@ -40,9 +40,15 @@ def differentiated_to_the_end(
     return values, slopes, [None] * len(x)
 
 
-@jax.jit
 def _reverse(quantity: Quantity, trees: Trees):
+    return (_reverse_compiled if quantity.traced else _value_and_gradient)(quantity, trees)
+
+
+def _value_and_gradient(quantity: Quantity, trees: Trees):
     return jax.value_and_grad(lambda trees: quantity.value(*trees))(trees)
+
+
+_reverse_compiled = jax.jit(_value_and_gradient)
 
 
 @jax.jit

@@ -1,194 +1,167 @@
-"""The search for the lowest fold of a vehicle's limit cycles, as one compiled loop.
+"""The search for the lowest fold of each of many vehicles' limit cycles; plain Python over a few small compiled programs.
 
-From all motions to which the vehicle is drawn at some speeds about the linear critical speed, the one at the lowest speed is followed
-down to its fold. Then the motions a little below that fold are tried, and so on until none goes on.
+From all motions to which a vehicle is drawn at some speeds about the linear critical speed, the one at the lowest speed is followed
+down to its fold. Then the motions below that fold and just above it are tried, and so on until none leads further down. What is simulated is simulated
+for all vehicles together. A vehicle that is little different from one that has been searched takes its fold from that one's, by Newton's
+method, and only the motions below it are tried.
 """
 
-import functools
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
 
 import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jaxtyping import Float
 
-from .attractors import drawn, patterns
-from .continuation import (
-    MOST_TRIES,
-    Bracket,
-    Walk,
-    begun,
-    bracket,
-    hunting_mode,
-    largest_displacement,
-    narrowed,
-    next_orbit,
-    orbit_between,
-    resolved,
-    stuck,
-    walked,
-)
-from .lanes import one_by_one, own_axes
-from .linear import LinearCritical, Stability
-from .orbits import (
-    BY_SPEED,
-    PERIOD,
-    SPEED,
-    Model,
-    Point,
-    Problem,
-    Shooting,
-    displacements,
-    history,
-    implicit_speed,
-    row_of,
-    solved,
-    unpack,
-)
-from .typing import Scalar
+from .attractors import End, Start, drawn, one_period, patterns
+from .continuation import fold_between, fold_near, follow, hunting_mode
+from .lanes import in_threads
+from .orbits import DISPLACEMENT, SPEED, Model, Shooting, fastest, unpack
+from .shooting import Point, at_speed, largest_displacement, solved
+from .step_bound import STABLE_RADIUS
 
-#: shares of the linear critical speed at which motions are tried first, and of a fold's speed at which they are tried below it:
-#: as many of the ones as of the others, for one loop
+#: shares of the linear critical speed at which motions are tried first, and of a fold's speed at which they are tried then: below
+#: it, and just above, where those of another family may live whose fold is a little lower
 ABOUT_HOPF = (0.6, 0.75, 0.85, 0.9, 0.95, 0.99, 1.02)
-BELOW_FOLD = (0.8, 0.87, 0.93, 0.97, 0.99, 0.998, 0.9995)
+ABOUT_FOLD = (0.8, 0.87, 0.93, 0.97, 0.99, 0.998, 0.9995, 1.002)
+#: m; motions of one family differ by less between a fold and just above it
+ALIKE = 1e-3
 #: displacement, in clearances, with which motions begin, and below which they are taken to have died out
 LARGE, SMALL = 1.1, 0.1
 #: longest step down the branch (1 mm or 10 m/s), and how many are tried
 LARGEST_STEP, MOST_STEPS = 0.1, 400
 #: folds one below the other
 MOST_FOLDS = 8
+#: of RK4: a motion that needs more is not simulated well, and no fold is found
+MOST_STEPS_OF_PERIOD = 20_000
 
 
-class Fold(NamedTuple):
-    """The fold of a branch: speed (m/s), amplitude (m), frequency (Hz); found, or the branch fell into the Hopf point; the
-    orbit itself."""
+class FoldSearch:
+    """What is known of one vehicle's limit cycles: the lowest `fold`, if one was found; whether a branch fell into the Hopf point.
 
-    speed: Float[Array, "..."]
-    amplitude: Float[Array, "..."]
-    frequency: Float[Array, "..."]
-    found: Bool[Array, "..."]
-    vanished: Bool[Array, "..."]
-    point: Point
-
-
-@functools.partial(jax.jit, static_argnums=(2, 3))
-def search_fold(trees: tuple, linear: LinearCritical, shooting: Shooting, lanes: int | None) -> Fold:
-    """The fold of (vehicle, damper), the vehicle `rounded` and without labels; nothing is judged yet."""
-
-    def single(given: tuple) -> Fold:
-        trees, linear = given
-        model = Model(*trees)
-        fixed = jax.tree.map(lambda leaf: jax.lax.stop_gradient(jnp.asarray(leaf, float)), model)
-        # where there is no Hopf point the search runs on a speed that does no harm, and its result is dropped
-        hopf = jax.lax.stop_gradient(jnp.where(linear.code == Stability.OK, linear.speed, 50.0))
-        point, found, vanished = _lowest_fold(fixed, shooting, hopf)
-        frequency = 1.0 / (point.unknowns[-2] * PERIOD)
-        return Fold(implicit_speed(model, shooting, point), point.amplitude, frequency, found, vanished, point)
-
-    axes = (own_axes(trees[0]), own_axes(trees[1])), jax.tree.map(lambda _: 0, linear)
-    return single((trees, linear)) if lanes is None else one_by_one(single, (trees, linear), axes)
-
-
-class Search(NamedTuple):
-    """The state of the search: the orbit asked for next, and what is known of the branch."""
-
-    problem: Problem
-    walk: Walk
-    ends: Bracket
-    stage: Int[Array, ""]
-    guesses: Float[Array, "starts unknowns"]  # the motions to be tried, those of low speed first
-    hunting: Bool[Array, "starts"]  # which of them are left
-    lowest: Point  # the lowest fold found so far
-    folds: Int[Array, ""]  # how many were found
-    vanished: Bool[Array, ""]
-
-
-SURVEYING, ENTERING, WALKING, FOLDING, DONE = range(5)
-
-
-def _lowest_fold(model: Model, shooting: Shooting, hopf: Scalar) -> tuple[Point, Bool[Array, ""], Bool[Array, ""]]:
-    """The lowest fold, whether one was found, and whether a branch fell into the Hopf point instead.
-
-    One loop with a single call of `solved`, whatever the stage, because that is what takes long to compile.
+    `hopf` is the linear critical speed, m/s.
     """
-    shape, omega = hunting_mode(model, shooting, hopf)
-    clearance = model.vehicle.contact.flange_clearance
-    by_speed = row_of(model, shooting, BY_SPEED)
 
-    def surveyed(search: Search) -> Search:
-        """The motions about the Hopf point, made of its mode, or below the lowest fold, made of its orbit."""
-        found = search.folds > 0
-        orbit = unpack(model, shooting, search.lowest.unknowns)
-        states = history(model, shooting, orbit)
-        moved = jnp.max(jnp.abs(states[:, displacements(model)]), axis=1)
-        state = jnp.where(found, states[jnp.argmax(moved)], shape * clearance)
-        starts = patterns(model, state, LARGE * jnp.maximum(clearance, jnp.where(found, jnp.max(moved), 0.0)))
-        speeds = jnp.where(found, jnp.asarray(BELOW_FOLD) * orbit.speed, jnp.asarray(ABOUT_HOPF) * hopf)
-        period = jnp.where(found, orbit.period, 2.0 * jnp.pi / omega)
-        many, each = starts.shape[0], speeds.shape[0]
-        end = drawn(model, shooting, jnp.tile(starts, (each, 1)), period, jnp.repeat(speeds, many), SMALL * clearance)
-        hunting = end.swings & (end.displacements > SMALL * clearance)
-        return tried_next(search._replace(guesses=end.guesses, hunting=hunting))
+    def __init__(self, model: Model, shooting: Shooting, hopf: float) -> None:
+        self.model, self.shooting, self.hopf = model, shooting, hopf
+        self.fold: Point | None = None
+        self.folds, self.vanished = 0, False
+        self.rest = SMALL * float(model.vehicle.contact.flange_clearance)
 
-    def tried_next(search: Search) -> Search:
-        """Enters the first of the motions that are left, or ends the search."""
-        first = jnp.argmax(search.hunting)
-        guess = search.guesses[first]
-        stage = jnp.where(search.hunting[first], ENTERING, DONE)
-        problem = Problem(guess, by_speed, guess[-1])
-        return search._replace(problem=problem, hunting=search.hunting.at[first].set(False), stage=stage)
+    def starts(self) -> Iterator[Start]:
+        """Motions about the Hopf point, made of its mode, or below the lowest fold, made of its orbit."""
+        clearance = float(self.model.vehicle.contact.flange_clearance)
+        if self.fold is None:
+            state, omega = hunting_mode(self.model, self.shooting, self.hopf)
+            period, speed, shares, largest = 2.0 * np.pi / omega, self.hopf, ABOUT_HOPF, clearance
+        else:
+            orbit = unpack(self.model, self.shooting, self.fold.unknowns)
+            states = one_period(self.model, orbit, steps_of_period(self.model, float(orbit.speed), float(orbit.period)))
+            moved = np.max(np.abs(states[:, self.model.displacements]), axis=1)
+            state, largest = states[np.argmax(moved)], max(clearance, float(np.max(moved)))
+            period, speed, shares = float(orbit.period), float(orbit.speed), ABOUT_FOLD
+        steps = steps_of_period(self.model, shares[0] * speed, period)
+        for share in shares:
+            for start in patterns(self.model, state, LARGE * largest):
+                yield Start(self.model, start, period, share * speed, steps, self.rest)
 
-    def entered(search: Search, point: Point) -> Search:
-        hunting = point.usable & (largest_displacement(model, point) > SMALL * clearance)
-        walk = begun(point._replace(direction=-point.direction * jnp.sign(point.direction[-1])))
-        walking = search._replace(problem=next_orbit(model, shooting, walk), walk=walk, stage=jnp.asarray(WALKING))
-        return _where(hunting, walking, tried_next(search))
+    def descend(self, ends: Sequence[End]) -> bool:
+        """Follow the first of the motions, those of low speed first, that leads to a fold below the known one; whether one does, and
+        others are to be looked for below it."""
+        tried: list[End] = []
+        for end in ends:
+            if not (end.swings and end.displacement > self.rest) or any(self._alike(end.guess, one.guess) for one in tried):
+                continue
+            tried.append(end)
+            entry = self._entered(end)
+            fold = None if entry is None else self._down_from(entry)
+            if fold is not None and (self.fold is None or fold.unknowns[-1] < self.fold.unknowns[-1]):
+                self.fold, self.folds = fold, self.folds + 1
+                return self.folds < MOST_FOLDS
+        return False
 
-    def stepped(search: Search, point: Point) -> Search:
-        walk = walked(search.walk, point, LARGEST_STEP)
-        turned = (walk.before.direction[-1] < 0.0) & (walk.point.direction[-1] >= 0.0)
-        ends = bracket(walk.before, walk.point)
-        vanished = ~turned & (largest_displacement(model, walk.point) < SMALL * clearance)
-        lost = ~turned & (vanished | stuck(walk) | (walk.tried >= MOST_STEPS))
-        problem = _where(turned, orbit_between(ends), next_orbit(model, shooting, walk))
-        stage = jnp.where(turned, FOLDING, WALKING)
-        going = search._replace(problem=problem, walk=walk, ends=ends, stage=stage)
-        search = search._replace(vanished=search.vanished | vanished)
-        return _where(lost, tried_next(search), going)
+    def _entered(self, end: End) -> Point | None:
+        """The limit cycle on which a motion ended; of one above the known fold that of its family at the fold's speed. None where there is
+        none."""
+        speed = float(end.guess[-1])
+        if self.fold is not None and speed > self.fold.unknowns[-1]:
+            if self._alike(end.guess, self.fold.unknowns):
+                return None
+            speed = self.fold.unknowns[-1]
+        entry = solved(self.model, self.shooting, at_speed(self.model, self.shooting, end.guess, speed * SPEED))
+        return entry if entry.usable and largest_displacement(self.model, entry) > self.rest else None
 
-    def tried(search: Search, point: Point) -> Search:
-        ends = narrowed(search.ends, point)
-        going = search._replace(problem=orbit_between(ends), ends=ends)
-        stage = jnp.where(search.folds + 1 < MOST_FOLDS, SURVEYING, DONE)
-        folded = search._replace(lowest=ends.best, folds=search.folds + 1, stage=stage)
-        gone = ends.tried >= MOST_TRIES
-        return _where(resolved(ends), folded, _where(gone, tried_next(search), going))
+    def _alike(self, one: Float[np.ndarray, "unknowns"], other: Float[np.ndarray, "unknowns"]) -> bool:
+        """Whether two packed orbits at nearly the same speed are of one family."""
+        at = self.model.displacements
+        near = np.max(np.abs(one[at] - other[at])) * DISPLACEMENT < ALIKE
+        return bool(near and abs(one[-1] / other[-1] - 1.0) < 2.0 * (ABOUT_FOLD[-1] - 1.0))
 
-    def onward(search: Search) -> Search:
-        def orbit(search: Search) -> Search:
-            point = solved(model, shooting, search.problem)
-            return jax.lax.switch(search.stage - ENTERING, (entered, stepped, tried), search, point)
+    def take_from(self, other: "FoldSearch") -> bool:
+        """The fold near that of a vehicle that is little different, below the linear critical speed; False where there is none."""
+        fold = None if other.fold is None else fold_near(self.model, self.shooting, other.model, other.fold)
+        if fold is None or fold.unknowns[-1] * SPEED >= self.hopf:
+            return False
+        self.fold, self.folds = fold, 1
+        return True
 
-        return jax.lax.cond(search.stage == SURVEYING, surveyed, orbit, search)
-
-    states = shape.shape[0]
-    nothing, zero, no = jnp.zeros(states), jnp.zeros(()), jnp.asarray(False)
-    start = jnp.append(jnp.zeros(states - 1), jnp.stack([2.0 * jnp.pi / omega / PERIOD, hopf / SPEED]))
-    nowhere = Point(start, by_speed, zero, jnp.zeros((states, states)), nothing, zero, no)
-    count = len(ABOUT_HOPF) * patterns(model, shape, clearance).shape[0]
-    search = Search(
-        problem=Problem(start, by_speed, start[-1]),
-        walk=begun(nowhere),
-        ends=bracket(nowhere, nowhere),
-        stage=jnp.asarray(SURVEYING),
-        guesses=jnp.zeros((count, states + 1)),
-        hunting=jnp.zeros(count, bool),
-        lowest=nowhere,
-        folds=jnp.asarray(0),
-        vanished=no,
-    )
-    end = jax.lax.while_loop(lambda search: search.stage != DONE, onward, search)
-    return end.lowest, end.folds > 0, end.vanished
+    def _down_from(self, entry: Point) -> Point | None:
+        downwards = entry._replace(direction=-entry.direction * np.sign(entry.slope))
+        for point, before in follow(self.model, self.shooting, downwards, LARGEST_STEP, MOST_STEPS):
+            if before.slope < 0.0 <= point.slope:
+                return fold_between(self.model, self.shooting, before, point)
+            if largest_displacement(self.model, point) < self.rest:
+                self.vanished = True
+                return None
+        return None
 
 
-def _where(condition: Bool[Array, ""], yes: Any, no: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), yes, no)
+def steps_of_period(model: Model, speed: float, period: float) -> int:
+    """The fewest steps of RK4 in a period (s) that hold the vehicle's fastest motion at a speed (m/s)."""
+    return int(np.ceil(min(fastest(model, speed) * period / STABLE_RADIUS, MOST_STEPS_OF_PERIOD)))
+
+
+def search_folds(searches: Sequence[FoldSearch]) -> None:
+    """The lowest fold of each vehicle; all have the same structure, and their amplitude is measured at the same wheelset."""
+    taken: list[FoldSearch] = []
+    for wave in _waves(searches):
+        near = in_threads(lambda pair: pair[1] is not None and pair[0].take_from(pair[1]), wave)
+        taken += [search for (search, _), took in zip(wave, near, strict=True) if took]
+        _search_to_the_end([search for (search, _), took in zip(wave, near, strict=True) if not took])
+    _search_to_the_end(taken)
+
+
+def _search_to_the_end(searches: list[FoldSearch]) -> None:
+    """Round by round, the motions of all vehicles that are left simulated together."""
+    while searches:
+        starts = [list(search.starts()) for search in searches]
+        ends = drawn(searches[0].shooting, [start for own in starts for start in own])
+        last = np.cumsum([len(own) for own in starts])
+        parts = [ends[end - len(own) : end] for own, end in zip(starts, last, strict=True)]
+        onward = in_threads(lambda pair: pair[0].descend(pair[1]), list(zip(searches, parts, strict=True)))
+        searches = [search for search, more in zip(searches, onward, strict=True) if more]
+
+
+def _waves(searches: Sequence[FoldSearch]) -> Iterator[list[tuple[FoldSearch, FoldSearch | None]]]:
+    """The vehicles, each with the nearest of those in earlier waves; each wave doubles the number of those known."""
+    numbers = np.array([np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(search.model)]) for search in searches])
+    spread = np.std(numbers, axis=0)
+    numbers = numbers[:, spread > 0.0] / spread[spread > 0.0]
+    order = _farthest_first(numbers)
+    yield [(searches[order[0]], None)]
+    known = 1
+    while known < len(order):
+        wave, before = order[known : 2 * known], numbers[order[:known]]
+        nearest = [order[np.argmin(np.sum((before - numbers[k]) ** 2, axis=1))] for k in wave]
+        yield [(searches[k], searches[near]) for k, near in zip(wave, nearest, strict=True)]
+        known += len(wave)
+
+
+def _farthest_first(points: Float[np.ndarray, "points numbers"]) -> list[int]:
+    """The point in the middle, then always the one that is farthest from all before it, so that soon none is far."""
+    order = [int(np.argmin(np.sum((points - np.mean(points, axis=0)) ** 2, axis=1)))]
+    distance = np.full(len(points), np.inf)
+    while len(order) < len(points):
+        distance = np.minimum(distance, np.sum((points - points[order[-1]]) ** 2, axis=1))
+        distance[order] = -1.0  # where points are the same
+        order.append(int(np.argmax(distance)))
+    return order

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from .along_speed import concrete
 from .channels import CHANNELS, check_channel
 from .dampers import Damper, check_damper
 from .deflections import wheelset_positions
@@ -33,7 +34,7 @@ from .smooth import sqrt_of_square
 from .spectra import LONGEST, SHORTEST, Spectrum, spectrum
 from .typing import Number, Scalar
 from .units import KMH
-from .vehicle import Vehicle, structure, without_labels
+from .vehicle import Vehicle, as_numbers, bare, structure
 from .weightings import weighting
 
 if TYPE_CHECKING:
@@ -55,12 +56,15 @@ class Excitation(NamedTuple):
 def excitation(of: Spectrum, shortest: Scalar = SHORTEST, longest: Scalar = LONGEST, points: int = POINTS) -> Excitation:
     """The spectrum between two wavelengths (m) as waves, so that sums over them are integrals: trapezoids in log W with Gregory's
     corrections of fourth order at the ends."""
-    logarithm = jnp.linspace(jnp.log(2.0 * jnp.pi / longest), jnp.log(2.0 * jnp.pi / shortest), points)
+    # in NumPy where nothing is traced: a dozen small programs less to compile
+    xp = np if concrete(shortest, longest) else jnp
+    logarithm = xp.linspace(xp.log(2.0 * np.pi / longest), xp.log(2.0 * np.pi / shortest), points)
     weights = np.ones(points)
     weights[:3] = weights[:-4:-1] = (3.0 / 8.0, 7.0 / 6.0, 23.0 / 24.0)
-    wavenumber = jnp.exp(logarithm)
+    wavenumber = xp.exp(logarithm)
     density = of.density(wavenumber)
-    return Excitation(wavenumber, density * wavenumber * weights * (logarithm[1] - logarithm[0]), density)
+    waves = wavenumber, density * wavenumber * weights * (logarithm[1] - logarithm[0]), density
+    return Excitation(*(jax.device_put(as_numbers(wave)) for wave in waves))
 
 
 @jax.tree_util.register_dataclass
@@ -81,40 +85,30 @@ class FrequencyResponse:
 
     def spectrum(self, channel: str, weight: str | None = None) -> Float[Array, "waves ..."]:
         """One-sided power spectral density of a channel, (unit)^2/Hz, weighted by the `weighting` that `weight` names, if one is given."""
-        return self._power(channel, weight) * self._as(channel, self.alignment_spectrum)
+        return _shares(self.transfer[channel], self.frequency, self.alignment_spectrum, weight)
 
     @property
     def alignment_spectrum(self) -> Float[Array, "waves ..."]:
         """One-sided power spectral density of the alignment as the vehicle meets it, m^2/Hz."""
-        return _first(self.excitation.density, self.frequency.ndim) * (2.0 * jnp.pi) / jnp.asarray(self.speed)
+        return _of_frequency(self.excitation.density, self.frequency, as_numbers(self.speed))
 
     def shares(self, channel: str, weight: str | None = None) -> Float[Array, "waves ..."]:
         """What each wave adds to the mean square of a channel, (unit)^2 in SI; `weight` as in `spectrum`."""
-        power = self._power(channel, weight)
-        return power * _first(self.excitation.variance, power.ndim)
+        return _shares(self.transfer[channel], self.frequency, self.excitation.variance, weight)
 
     def rms(self, channel: str, weight: str | None = None) -> Float[Array, "..."]:
         """Root mean square of a channel in its SI unit; with a `weight` ("Wd", ...) weighted."""
-        return sqrt_of_square(jnp.sum(self.shares(channel, weight), axis=0))
-
-    def _power(self, channel: str, weight: str | None) -> Float[Array, "waves ..."]:
-        power = _squared(self.transfer[channel])
-        return power if weight is None else power * self._as(channel, _squared(weighting(weight, self.frequency)))
-
-    def _as(self, channel: str, values: Float[Array, "waves ..."]) -> Float[Array, "waves ..."]:
-        """Values per wave and lane, broadcast against the channel's parts."""
-        missing = self.transfer[channel].ndim - values.ndim
-        return values.reshape((values.shape[0],) + (1,) * missing + values.shape[1:])
+        return _rms(self.transfer[channel], self.frequency, self.excitation.variance, weight)
 
     def __str__(self) -> str:
         speed = np.ravel(np.asarray(self.speed)) * KMH
         span = f"{speed[0]:.1f}" if speed.min() == speed.max() else f"{speed.min():.1f} to {speed.max():.1f}"
         lines = [f"Linear forced response of {self.vehicle_name or 'a vehicle'} at {span} km/h, {len(self.frequency)} waves"]
         for name in self.transfer:
-            values = self.rms(name)
-            low, high = float(jnp.nanmin(values)), float(jnp.nanmax(values))
+            values = np.asarray(self.rms(name))
+            low, high = float(np.nanmin(values)), float(np.nanmax(values))
             lines.append(f"  rms {name}: {low:.4g}" + ("" if low == high else f" to {high:.4g}") + f" {CHANNELS[name].unit}")
-        unstable = int(jnp.sum(self.growth >= 0.0))
+        unstable = int(np.sum(np.asarray(self.growth) >= 0.0))
         if unstable:
             lines.append(f"  unstable, without a stationary response: {unstable} of {self.growth.size} lane(s)")
         return "\n".join(lines)
@@ -200,8 +194,9 @@ def transfers(
     vehicle: Vehicle, speed: Scalar, wavenumber: Float[Array, "waves"], damper: Damper, record: tuple[str, ...]
 ) -> tuple[Float[Array, "waves ..."], dict[str, Complex[Array, "waves ..."]], Float[Array, "..."]]:
     """Frequencies (Hz), transfer functions of the channels at wavenumbers (rad/m), and the largest growth rate (1/s)."""
-    trees = (without_labels(vehicle), speed, wavenumber, damper)
-    axes = (own_axes(trees[0]), 0, 1, own_axes(damper))
+    vehicle, damper = bare(vehicle, damper)
+    trees = (vehicle, as_numbers(speed), wavenumber, damper)
+    axes = (own_axes(vehicle), 0, 1, own_axes(damper))
     function = functools.partial(_transfers, record=record)
     return function(*trees) if count_lanes(trees, axes) is None else each_lane(function, trees, axes)
 
@@ -267,6 +262,35 @@ def _squared(values: Complex[Array, "..."]) -> Float[Array, "..."]:
     return values.real**2 + values.imag**2
 
 
-def _first(values: Float[Array, "waves"], ndim: int) -> Float[Array, "waves ..."]:
-    """One value per wave, to be broadcast against `ndim` axes of which the wave is the first."""
-    return values.reshape((-1,) + (1,) * (ndim - 1))
+@jax.jit
+def _of_frequency(
+    density: Float[Array, "waves"], frequency: Float[Array, "waves ..."], speed: Float[Array, "..."]
+) -> Float[Array, "waves ..."]:
+    """A density over wavenumber as one over frequency."""
+    return density.reshape((-1,) + (1,) * (frequency.ndim - 1)) * (2.0 * jnp.pi) / speed
+
+
+@functools.partial(jax.jit, static_argnames="weight")
+def _shares(
+    transfer: Complex[Array, "waves ..."],
+    frequency: Float[Array, "waves ..."],
+    values: Float[Array, "waves ..."],
+    weight: str | None,
+) -> Float[Array, "waves ..."]:
+    """|H|^2, weighted, times values of each wave, or of each wave in each lane."""
+
+    def spread(values: Float[Array, "waves ..."]) -> Float[Array, "waves ..."]:
+        return values.reshape((values.shape[0],) + (1,) * (transfer.ndim - values.ndim) + values.shape[1:])
+
+    power = _squared(transfer)
+    return (power if weight is None else power * spread(_squared(weighting(weight, frequency)))) * spread(values)
+
+
+@functools.partial(jax.jit, static_argnames="weight")
+def _rms(
+    transfer: Complex[Array, "waves ..."],
+    frequency: Float[Array, "waves ..."],
+    variance: Float[Array, "waves"],
+    weight: str | None,
+) -> Float[Array, "..."]:
+    return sqrt_of_square(jnp.sum(_shares(transfer, frequency, variance, weight), axis=0))

@@ -8,23 +8,22 @@ branch.plot(axes)
 import itertools
 from collections.abc import Iterator
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from . import attractors, continuation, orbits
-from .continuation import MOST_TRIES, bracket, narrowed, orbit_between, resolved, stuck, walked
-from .critical import default_steps, default_wheelset
+from . import attractors, continuation
+from .critical import default_wheelset, enough_steps
 from .dampers import Damper
 from .errors import InputError, NumericalError
-from .fold_search import search_fold
-from .limit_cycles import Branch, Event, LimitCycle, limit_cycle_at, solve
+from .floquet import floquet
+from .fold_search import FoldSearch, search_folds, steps_of_period
+from .limit_cycles import Branch, Event, LimitCycle, limit_cycle_at
 from .linear import LinearCritical, Stability, linear_critical
 from .motion import PASSIVE, state_matrix
 from .normal_form import first_lyapunov_coefficient
-from .orbits import PERIOD, SPEED, Model, Point, Problem, Shooting, floquet
+from .orbits import DISPLACEMENT, PERIOD, SPEED, Model, Shooting, model_of
 from .precision import require_double_precision
-from .vehicle import Vehicle, bare
+from .shooting import Point, plane, solved
+from .vehicle import Vehicle
 
 #: share of the flange clearance at which the branch is entered from the Hopf point, to which it is followed down, and at which
 #: its first direction is taken
@@ -38,12 +37,6 @@ SAME = 1e-2
 #: how far the diagram goes, in linear critical speeds
 HIGHEST = 1.25
 
-_next_orbit = jax.jit(continuation.next_orbit, static_argnums=1)
-_settled = jax.jit(attractors.settled, static_argnums=1)
-_mode = jax.jit(continuation.hunting_mode, static_argnums=1)
-_near_hopf = jax.jit(continuation.near_hopf, static_argnums=1)
-_walked, _bracket, _narrowed, _resolved, _between = map(jax.jit, (walked, bracket, narrowed, resolved, orbit_between))
-
 
 def follow(
     model: Model, shooting: Shooting, start: Point, largest_step: float = LARGEST_STEP
@@ -52,23 +45,9 @@ def follow(
 
     Yields each point, and the fold between it and the one before (solved for) where there is one.
     """
-    walk = continuation.begun(start)
-    while not bool(stuck(walk)):
-        ahead = solve(model, shooting, _next_orbit(model, shooting, walk))
-        here, walk = np.asarray(walk.point.unknowns), _walked(walk, ahead, largest_step)
-        if np.array_equal(here, np.asarray(walk.point.unknowns)):
-            continue  # the step was not kept
-        folded = np.asarray(walk.before.direction)[-1] * np.asarray(walk.point.direction)[-1] < 0.0
-        yield walk.point, _fold(model, shooting, walk.before, walk.point) if folded else None
-
-
-def _fold(model: Model, shooting: Shooting, low: Point, high: Point) -> Point | None:
-    ends = _bracket(low, high)
-    while not bool(_resolved(ends)):
-        if int(ends.tried) == MOST_TRIES:
-            return None
-        ends = _narrowed(ends, solve(model, shooting, _between(ends)))
-    return ends.best
+    for point, before in continuation.follow(model, shooting, start, largest_step):
+        folded = before.slope * point.slope < 0.0
+        yield point, continuation.fold_between(model, shooting, before, point) if folded else None
 
 
 def hunting_branch(
@@ -102,9 +81,9 @@ def hunting_branch(
     highest = HIGHEST * speed if highest_speed is None else highest_speed
     if not highest > ENTRY * speed:
         raise InputError(f"highest_speed must lie above {ENTRY * speed:.2f} m/s, {ENTRY:g} times the linear critical speed")
-    half = default_steps(vehicle, damper, hopf) if steps is None else steps
+    model = model_of(vehicle, damper)
+    half = enough_steps(model, speed, float(hopf.frequency)) if steps is None else steps
     shooting = Shooting(half if symmetric else 2 * half, default_wheelset(vehicle, wheelset), symmetric)
-    model = Model(*bare(orbits.rounded(vehicle), damper))
     tracer = _Tracer(model, shooting, hopf, largest_step)
     below, above, folds, note = tracer.pieces(highest)
     slope = tracer.slope_at_hopf()
@@ -133,9 +112,9 @@ class _Tracer:
 
     def __init__(self, model: Model, shooting: Shooting, hopf: LinearCritical, largest_step: float) -> None:
         self.model, self.shooting, self.largest_step = model, shooting, largest_step
-        self.hopf, self.speed = hopf, jnp.asarray(hopf.speed)
-        self.mode = _mode(model, shooting, self.speed)
-        self.clearance = model.vehicle.contact.flange_clearance
+        self.hopf, self.speed = hopf, float(hopf.speed)
+        self.mode = continuation.hunting_mode(model, shooting, self.speed)
+        self.clearance = float(model.vehicle.contact.flange_clearance)
 
     def pieces(self, highest: float) -> tuple[list[Point], list[Point], list[Point], str]:
         """Limit cycles from the Hopf point on, those that are not connected with it, the folds, and a note.
@@ -144,10 +123,11 @@ class _Tracer:
         is none, those to which the vehicle is drawn above the Hopf point. From below: the branch that leaves the Hopf point, up to
         its fold. Where the two are one and the same, so is the branch.
         """
-        lowest = search_fold((self.model.vehicle, self.model.damper), self.hopf, self.shooting, None)
-        if bool(lowest.found):
-            folds = [lowest.point]
-            above = [lowest.point, *self._up_to(highest, self._growing(lowest.point))]
+        search = FoldSearch(self.model, self.shooting, self.speed)
+        search_folds([search])
+        if search.fold is not None:
+            folds = [search.fold]
+            above = [search.fold, *self._up_to(highest, self._growing(search.fold))]
         else:
             folds = []
             above = self._without_fold(highest)
@@ -166,21 +146,24 @@ class _Tracer:
         """The limit cycle to which the vehicle is drawn above the Hopf point, down to that point if it leads there, and up to the
         highest speed."""
         shape, omega = self.mode
-        entry = self._solve(_settled(self.model, self.shooting, shape * self.clearance, 2.0 * np.pi / omega, ENTRY * self.speed))
-        if not bool(entry.usable):
+        period, speed = 2.0 * np.pi / omega, ENTRY * self.speed
+        steps = steps_of_period(self.model, speed, period)
+        problem = attractors.settled(self.model, self.shooting, shape * self.clearance, period, speed, steps)
+        entry = solved(self.model, self.shooting, problem)
+        if not entry.usable:
             raise NumericalError(
                 f"no limit cycle found at {ENTRY:g} times the linear critical speed: the motion there is not periodic within "
                 f"{attractors.SETTLING} periods"
             )
-        upwards = entry._replace(direction=entry.direction * jnp.sign(entry.direction[-1]))
+        upwards = entry._replace(direction=entry.direction * np.sign(entry.slope))
         up = self._up_to(highest, upwards)
         return [*self._to_hopf(upwards._replace(direction=-upwards.direction))[::-1], entry, *up]
 
     def _growing(self, fold: Point) -> Point:
         """The fold in the direction in which the wheelset that moves most moves more: that of the stable limit cycles."""
-        moved = np.asarray(fold.unknowns)[orbits.displacements(self.model)]
+        moved = fold.unknowns[self.model.displacements]
         most = np.argmax(np.abs(moved))
-        along = np.asarray(fold.direction)[orbits.displacements(self.model)][most] * moved[most]
+        along = fold.direction[self.model.displacements][most] * moved[most]
         return fold._replace(direction=fold.direction * np.sign(along))
 
     def _up_to(self, highest: float, start: Point) -> list[Point]:
@@ -188,7 +171,7 @@ class _Tracer:
         points = []
         for point, _ in self._follow(start):
             points.append(point)
-            if np.asarray(point.unknowns)[-1] * SPEED > highest:
+            if point.unknowns[-1] * SPEED > highest:
                 break
         return points
 
@@ -203,9 +186,6 @@ class _Tracer:
                 return
             yield found
 
-    def _solve(self, problem: Problem) -> Point:
-        return solve(self.model, self.shooting, problem)
-
     def _to_hopf(self, start: Point) -> list[Point]:
         """Onwards to small amplitudes."""
         points: list[Point] = []
@@ -216,12 +196,12 @@ class _Tracer:
         return points
 
     def _small(self, point: Point) -> bool:
-        return float(point.amplitude) < DOWN_TO * float(self.clearance)
+        return point.amplitude < DOWN_TO * self.clearance
 
     def _from_hopf(self) -> tuple[list[Point], list[Point]]:
         """From near the Hopf point down to it as far as it goes, and up to the fold at its lowest speed; with all folds."""
-        start = self._solve(_near_hopf(self.model, self.shooting, *self.mode, self.speed, NEAR_HOPF * self.clearance))
-        if not bool(start.usable):
+        start = self._small_orbit(NEAR_HOPF)
+        if not start.usable:
             return [], []
         below = []
         for point, _ in self._follow(start._replace(direction=-start.direction)):
@@ -235,34 +215,39 @@ class _Tracer:
                 turns.append(fold)
                 points.append(fold)
                 # a branch that first leaves towards higher speeds turns back before it comes to its lowest
-                if float(np.asarray(before.direction)[-1]) < 0.0:
+                if before.slope < 0.0:
                     break
             points.append(point)
             before = point
         return points, turns
 
     def _rises(self, point: Point) -> bool:
-        return bool(np.asarray(point.direction)[orbits.amplitude_index(self.model.vehicle, self.shooting.wheelset)] > 0.0)
+        return bool(plane(self.model, self.shooting, point.direction)[0] > 0.0)
+
+    def _small_orbit(self, share: float) -> Point:
+        """The limit cycle near the Hopf point whose amplitude is a share of the clearance."""
+        problem = continuation.near_hopf(self.model, self.shooting, *self.mode, self.speed, share * self.clearance)
+        return solved(self.model, self.shooting, problem)
 
     def slope_at_hopf(self) -> float:
         """dv/dA of the branch where it leaves the Hopf point, m/s per m."""
-        first = self._solve(_near_hopf(self.model, self.shooting, *self.mode, self.speed, AT_HOPF * self.clearance))
-        amplitude, speed = np.asarray(orbits.plane(self.model, self.shooting, first.direction))
-        if not bool(first.usable):
+        first = self._small_orbit(AT_HOPF)
+        amplitude, speed = plane(self.model, self.shooting, first.direction)
+        if not first.usable:
             raise NumericalError("no limit cycle found near the Hopf point")
-        return float(speed / amplitude) * SPEED / orbits.DISPLACEMENT
+        return float(speed / amplitude) * SPEED / DISPLACEMENT
 
     def hopf_point(self) -> LimitCycle:
         """The Hopf point as a limit cycle of no amplitude."""
-        states = orbits.scales(self.model).shape[0]
+        states = self.model.scales.shape[0]
         period = 1.0 / float(self.hopf.frequency)
-        matrix = np.asarray(state_matrix(self.model.vehicle, float(self.speed), self.model.damper))
+        matrix = np.asarray(state_matrix(self.model.vehicle, self.speed, self.model.damper))
         growth = np.linalg.eigvals(matrix) * period
         half = np.exp(0.5 * growth) * -1.0 if self.shooting.symmetric else np.exp(growth)
         nothing = np.zeros(states)
-        unknowns = np.append(np.zeros(states - 1), [period / PERIOD, float(self.speed) / SPEED])
+        unknowns = np.append(np.zeros(states - 1), [period / PERIOD, self.speed / SPEED])
         found = floquet(self.shooting, half)
-        return LimitCycle(float(self.speed), 0.0, 1.0 / period, found, nothing, 0.0, unknowns)
+        return LimitCycle(self.speed, 0.0, 1.0 / period, found, nothing, 0.0, unknowns)
 
 
 def _events(piece: tuple[LimitCycle, ...], folds: tuple[LimitCycle, ...], symmetric: bool) -> Iterator[Event]:

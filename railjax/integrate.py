@@ -1,31 +1,32 @@
-"""Runge-Kutta 4 in nested `lax.scan`s: bursts of steps, samples of bursts, checkpointed blocks of samples."""
+"""Runge-Kutta 4: bursts of steps and samples of bursts, in checkpointed `lax.scan`s for what is transformed (`run`), in loops of any
+length for what is not (`advance`); channels read off states (`read`)."""
 
 import functools
-import itertools
+import math
 from collections.abc import Callable
 from math import isqrt
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from .channels import CHANNELS, parse_reduction
-from .dampers import Damper, damper_extremes
+from .channels import CHANNELS, parse_reduction, rows_of_motion, shape_of
+from .dampers import Damper
 from .deflections import layout, size, wheelset_positions
-from .elements import extremes
 from .kernels import fence
-from .motion import Motion, held, motion, state_matrix, state_rate
+from .lanes import own_axes
+from .motion import Motion, held, motion, state_rate
+from .rk4 import rk4, rk4_in_loop  # noqa: F401, where others look for it
 from .smooth import sqrt_of_square
 from .speed_profile import Speed, SpeedProfile
+from .step_bound import STABLE_RADIUS, fastest_rate, largest_step  # noqa: F401, where others look for them
 from .track import Track
 from .typing import Scalar
 from .vehicle import Vehicle
 
 State = Float[Array, "states *lanes"]
-
-#: |R(z)| <= 1 for RK4's stability function on every z in the left half plane with |z| <= this (2.6156 at the waist)
-STABLE_RADIUS = 2.61
+Carry = tuple[list[Array], tuple[Array, ...]]
 
 #: steps whose track is sampled together; few, so that the samples stay in the nearest cache
 BURST = 5
@@ -56,50 +57,114 @@ class Inputs(NamedTuple):
     slowness: Float[Array, "..."] | None  # None where the speed is constant
 
 
-@fence
-def _advanced(x: Any, rate: Any, dt: Scalar) -> Any:
-    return jax.tree.map(lambda x, rate: x + rate * dt, x, rate)
-
-
-@fence
-def _combined(x: Any, first: Any, second: Any, third: Any, fourth: Any, dt: Scalar) -> Any:
-    def sum_of(x: Array, first: Array, second: Array, third: Array, fourth: Array) -> Array:
-        return x + (dt / 6.0) * (first + 2.0 * (second + third) + fourth)
-
-    return jax.tree.map(sum_of, x, first, second, third, fourth)
-
-
-def _in_rows(function: Callable[..., Any], x: Any, *rates: Any, dt: Scalar) -> Any:
-    """`function` on each array as one long row: a row per state would be a loop over one chunk of lanes, which LLVM unrolls before it
-    looks for vectors."""
-    long = [jax.tree.map(jnp.ravel, tree) for tree in (x, *rates)]
-    return jax.tree.map(lambda row, like: row.reshape(like.shape), function(*long, dt), x)
-
-
-def rk4(rate: Callable[[Inputs, Any], Any], x: Any, first: Any, dt: Scalar, mid: Inputs, end: Inputs) -> Any:
-    """One classical Runge-Kutta step of x, an array or a tree of them; `first` is x' at its start, `mid` and `end` the inputs half a
-    step and a step later."""
-    second = rate(mid, _in_rows(_advanced, x, first, dt=0.5 * dt))
-    third = rate(mid, _in_rows(_advanced, x, second, dt=0.5 * dt))
-    fourth = rate(end, _in_rows(_advanced, x, third, dt=dt))
-    return _in_rows(_combined, x, first, second, third, fourth, dt=dt)
-
-
-def rk4_in_loop(rate: Callable[[Any], Any], x: Array, dt: Scalar) -> Array:
-    """One step of `rk4` with constant inputs, its stages a loop: compiled in a third of the time, where lanes are few as fast."""
-
-    def stage(carry: tuple[Array, Array], shares: Array) -> tuple[tuple[Array, Array], None]:
-        ahead, total = carry
-        change = dt * rate(ahead)
-        return (x + shares[0] * change, total + shares[1] * change), None
-
-    onward_and_weight = jnp.array([[1 / 2, 1 / 6], [1 / 2, 1 / 3], [1.0, 1 / 3], [0.0, 1 / 6]], x.dtype)
-    return jax.lax.scan(stage, (x, x), onward_and_weight)[0][1]
+def parameter_axes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track) -> tuple:
+    """Axes of their own, before lanes, of the leaves of each."""
+    of_speed = jax.tree.map(lambda _: 1, speed) if isinstance(speed, SpeedProfile) else 0
+    return own_axes(vehicle), own_axes(damper), of_speed, own_axes(track)
 
 
 def largest_divisor(number: int, limit: int) -> int:
     """The largest divisor of `number` not above `limit`."""
     return next(d for d in range(min(number, limit), 0, -1) if number % d == 0)  # at most 1e5 trials: limits are roots
+
+
+class Block(NamedTuple):
+    """The static part of an `advance`: neither how many samples are taken nor how far they are apart."""
+
+    samples: int  # room for so many
+    burst: int  # steps whose track is sampled together
+    record: tuple[str, ...] | None  # channels; None: the states
+    reduce: tuple[str, ...]
+
+
+class Progress(NamedTuple):
+    """Where a run stands between two blocks."""
+
+    x: State
+    sums: tuple[Float[Array, "..."], ...]
+    diverged: Bool[Array, "..."]
+
+
+def burst_of(every: int) -> int:
+    """Steps whose track is sampled together, where samples are `every` steps apart."""
+    return largest_divisor(every, BURST)
+
+
+class _Stepper:
+    """What `run` and `advance` repeat: a burst of steps, with what is summed up on the way."""
+
+    def __init__(
+        self, vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, x: State, dt: Scalar, settle: Scalar, burst: int,
+        reduce: tuple[str, ...], looped: bool,
+    ) -> None:  # fmt: skip
+        self.vehicle, self.damper, self.dt, self.settle, self.looped = vehicle, damper, dt, settle, looped
+        like = jnp.zeros((*layout(vehicle)["wheelset_y"], *x.shape[1:]), x.dtype)
+        self.inputs = _inputs(vehicle, speed, track, like, dt, burst)
+        self.slowness = None if isinstance(speed, SpeedProfile) else 1.0 / jnp.asarray(speed, x.dtype)
+        self.reductions = [parse_reduction(name) for name in reduce]
+
+    def instant(self, now: Inputs, x: State) -> Motion:
+        slowness = self.slowness if now.slowness is None else now.slowness
+        return motion(self.vehicle, self.damper, slowness, now.alignment, x)
+
+    def apart(self, x: State) -> list[Array]:
+        """q, q' and internal states each in an array of its own: then q' of a stage is also the rate of its q, and is never copied."""
+        count = size(self.vehicle)
+        return jax.lax.split(x, (count, count, x.shape[0] - 2 * count))
+
+    def start(self, x: State) -> list[Array]:
+        return self.apart(held(self.vehicle, self.damper, x))
+
+    def sample(self, record: tuple[str, ...], burst: Array, x: State) -> dict[str, Array]:
+        """Channels at the start of a burst."""
+        at_start = self.instant(jax.tree.map(lambda leaf: leaf[0, 0], self.inputs(burst)[0]), x)
+        return {name: CHANNELS[name].read(at_start) for name in record}
+
+    def steps(self, carry: Carry, burst: Array) -> Carry:
+        """A burst of steps. Reverse mode keeps x of every step and nothing else, and computes the stages again."""
+        return jax.lax.scan(jax.checkpoint(self._step, prevent_cse=False), carry, self.inputs(burst))[0]
+
+    def _step(self, carry: Carry, now: tuple[Inputs, Array]) -> tuple[Carry, None]:
+        inputs, time = now
+        counted = jnp.where(time >= self.settle, 1.0, 0.0).astype(time.dtype) if self.reductions else None
+
+        def stage(k: Any, parts: list[Array], sums: tuple[Array, ...]) -> tuple[list[Array], tuple[Array, ...]]:
+            at = self.instant(jax.tree.map(lambda leaf: leaf[(k + 1) // 2], inputs), jnp.concatenate(parts))
+            if self.reductions and (self.looped or k == 0):
+                here = jnp.where(k == 0, counted, 0.0) if self.looped else counted
+                sums = tuple(
+                    _accumulate(how, total, CHANNELS[channel].read(at), here)
+                    for (how, channel), total in zip(self.reductions, sums, strict=True)
+                )
+            return self.apart(state_rate(self.vehicle, at)), sums
+
+        parts, sums = rk4(stage, *carry, self.dt, self.looped)
+        return (self.start(jnp.concatenate(parts)), sums), None
+
+    def zeros(self, x: State) -> tuple[Array, ...]:
+        shapes = (shape_of(channel, self.vehicle) for _, channel in self.reductions)
+        return tuple(jnp.zeros((*shape, *x.shape[1:]), x.dtype) for shape in shapes)
+
+    def totals(
+        self, reduce: tuple[str, ...], sums: tuple[Array, ...], steps: int | Int[Array, ""], dtype: Any
+    ) -> dict[str, Array]:
+        counted = jnp.maximum(steps - jnp.ceil(self.settle / self.dt - 1e-9), 1.0).astype(dtype)
+        return {name: _finish(how, total, counted) for name, (how, _), total in zip(reduce, self.reductions, sums, strict=True)}
+
+
+def _no_number(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, *rest: Scalar) -> Bool[Array, "..."]:
+    """Whether a parameter is not a number. It also gives each one a use: XLA aborts on an argument of its kernel that it can do without."""
+    axes = (*parameter_axes(vehicle, damper, speed, track), *(0 for _ in rest))
+    found = [
+        jnp.any(jnp.isnan(leaf), axis=tuple(range(own)))
+        for leaf, own in zip(jax.tree.leaves((vehicle, damper, speed, track, *rest)), jax.tree.leaves(axes), strict=True)
+    ]
+    return functools.reduce(jnp.logical_or, found)
+
+
+def _within(parts: list[Array]) -> Bool[Array, "..."]:
+    """False for NaN as well."""
+    return jnp.max(jnp.abs(parts[0]), axis=0) < DIVERGED
 
 
 def run(
@@ -112,49 +177,20 @@ def run(
     settle: Scalar,
     plan: Plan,
 ) -> Run:
-    """Integrate from state x; every leaf may carry trailing lanes. `settle` seconds are left out of the reductions."""
-    like = jnp.zeros((*layout(vehicle)["wheelset_y"], *x.shape[1:]), x.dtype)
-    count = size(vehicle)
-    burst = largest_divisor(plan.every, BURST)
+    """Integrate from state x; every leaf may carry trailing lanes. `settle` seconds are left out of the reductions.
+
+    For what is transformed: differentiable in reverse mode, a length compiled on its own.
+    """
+    burst = burst_of(plan.every)
     bursts = plan.every // burst
-    inputs = _inputs(vehicle, speed, track, like, dt, burst)
-    slowness = None if isinstance(speed, SpeedProfile) else 1.0 / jnp.asarray(speed, x.dtype)
-    reductions = [parse_reduction(name) for name in plan.reduce]
-
-    def instant(now: Inputs, x: State) -> Motion:
-        return motion(vehicle, damper, slowness if now.slowness is None else now.slowness, now.alignment, x)
-
-    # q, q' and internal states each in an array of its own: then q' of a stage is also the rate of its q, and is never copied
-    def apart(x: State) -> list[Array]:
-        return jax.lax.split(x, (count, count, x.shape[0] - 2 * count))
-
-    whole = jnp.concatenate
-
-    def rate(now: Inputs, parts: list[Array]) -> list[Array]:
-        return apart(state_rate(vehicle, instant(now, whole(parts))))
-
-    # reverse mode keeps x of every step and nothing else, and computes the stages again
-    @functools.partial(jax.checkpoint, prevent_cse=False)
-    def step(carry: Carry, now: tuple[Inputs, Inputs, Inputs, Array]) -> tuple[Carry, None]:
-        parts, sums = carry
-        start, mid, end, time = now
-        at_start = instant(start, whole(parts))
-        counted = jnp.where(time >= settle, 1.0, 0.0).astype(x.dtype)
-        sums = tuple(
-            _accumulate(how, total, CHANNELS[channel].read(at_start), counted)
-            for (how, channel), total in zip(reductions, sums, strict=True)
-        )
-        parts = rk4(rate, parts, apart(state_rate(vehicle, at_start)), dt, mid, end)
-        return (apart(held(vehicle, damper, whole(parts))), sums), None
+    stepper = _Stepper(vehicle, damper, speed, track, x, dt, settle, burst, plan.reduce, looped=False)
 
     def several_steps(carry: Carry, index: Array) -> tuple[Carry, None]:
-        return jax.lax.scan(step, carry, inputs(index))[0], None
+        return stepper.steps(carry, index), None
 
     def sample(carry: Carry, index: Array) -> tuple[Carry, tuple[dict[str, Array], Array]]:
-        x = whole(carry[0])
-        at_start = instant(_first(inputs(index * bursts)), x)
-        record = {name: CHANNELS[name].read(at_start) for name in plan.record}
-        within = jnp.max(jnp.abs(carry[0][0]), axis=0) < DIVERGED  # False for NaN as well
+        record = stepper.sample(plan.record, index * bursts, jnp.concatenate(carry[0])) if plan.record else {}
+        within = _within(carry[0])
         carry, _ = jax.lax.scan(several_steps, carry, index * bursts + jnp.arange(bursts))
         return carry, (record, ~within)
 
@@ -166,30 +202,85 @@ def run(
     # two levels of about the same length, so that reverse mode keeps only the square root of the samples
     per_block = largest_divisor(plan.samples, max(1, isqrt(plan.samples)))
     indices = jnp.arange(plan.samples).reshape(-1, per_block)
-    here = jax.eval_shape(lambda: instant(_first(inputs(jnp.array(0))), x))
-    zeros = tuple(
-        jnp.zeros(shape.shape, shape.dtype)
-        for shape in (jax.eval_shape(CHANNELS[channel].read, here) for _, channel in reductions)
-    )
-    (parts, sums), (records, outside) = jax.lax.scan(block, (apart(held(vehicle, damper, x)), zeros), indices)
+    (parts, sums), (records, outside) = jax.lax.scan(block, (stepper.start(x), stepper.zeros(x)), indices)
     records = {name: value.reshape((plan.samples, *value.shape[2:])) for name, value in records.items()}
-
-    steps = plan.samples * plan.every
-    counted = jnp.maximum(steps - jnp.ceil(settle / dt - 1e-9), 1.0).astype(x.dtype)
-    totals = {name: _finish(how, total, counted) for name, (how, _), total in zip(plan.reduce, reductions, sums, strict=True)}
-    within = jnp.max(jnp.abs(parts[0]), axis=0) < DIVERGED
-    return Run(records, totals, whole(parts), jnp.any(outside, axis=(0, 1)) | ~within)
+    totals = stepper.totals(plan.reduce, sums, plan.samples * plan.every, x.dtype)
+    return Run(records, totals, jnp.concatenate(parts), jnp.any(outside, axis=(0, 1)) | ~_within(parts))
 
 
-Carry = tuple[list[Array], tuple[Array, ...]]
+def advance(
+    vehicle: Vehicle,
+    damper: Damper,
+    speed: Speed,
+    track: Track,
+    progress: Progress,
+    dt: Scalar,
+    settle: Scalar,
+    first: Int[Array, ""],
+    count: Int[Array, ""],
+    bursts: Int[Array, ""],
+    block: Block,
+) -> tuple[Run, Progress]:
+    """`run` from the sample `first` on for `count` samples, `bursts` bursts apart: of any length, but without a reverse mode.
+
+    The records have room for `block.samples`, of which the first `count` are filled.
+    """
+    x = progress.x
+    stepper = _Stepper(vehicle, damper, speed, track, x, dt, settle, block.burst, block.reduce, looped=x.ndim == 1)
+
+    def sample(i: Array, carry: tuple[Carry, Array, dict[str, Array]]) -> tuple[Carry, Array, dict[str, Array]]:
+        (parts, sums), diverged, records = carry
+        index, x = (first + i) * bursts, jnp.concatenate(parts)
+        now = {STATES: x} if block.record is None else stepper.sample(block.record, index, x) if block.record else {}
+        records = {name: jax.lax.dynamic_update_index_in_dim(records[name], now[name], i, 0) for name in records}
+        after = jax.lax.fori_loop(index, index + bursts, lambda burst, carry: stepper.steps(carry, burst), (parts, sums))
+        return after, diverged | ~_within(parts), records
+
+    shapes = {STATES: x.shape[:1]} if block.record is None else {name: shape_of(name, vehicle) for name in block.record}
+    records = {name: jnp.zeros((block.samples, *shape, *x.shape[1:]), x.dtype) for name, shape in shapes.items()}
+    start = (stepper.start(x), progress.sums), progress.diverged, records
+    (parts, sums), diverged, records = jax.lax.fori_loop(0, count, sample, start)
+    totals = stepper.totals(block.reduce, sums, (first + count) * bursts * block.burst, x.dtype)
+    x, diverged = jnp.concatenate(parts), diverged | ~_within(parts) | _no_number(vehicle, damper, speed, track, dt, settle)
+    return Run(records, totals, x, diverged), Progress(x, sums, diverged)
+
+
+def read(
+    vehicle: Vehicle,
+    damper: Damper,
+    speed: Speed,
+    track: Track,
+    states: Float[Array, "samples states *lanes"],
+    dt: Scalar,
+    first: Int[Array, ""],
+    count: Int[Array, ""],
+    every: Int[Array, ""],
+) -> Float[Array, "samples rows *lanes"]:
+    """All channels that are not coordinates or rates, one below the other in the order of `rows_of_motion`, at the samples from
+    `first` on, `every` steps apart; the first `count` of them are read, each as `run` would have done."""
+    names = tuple(rows_of_motion(vehicle))
+    stepper = _Stepper(vehicle, damper, speed, track, states[0], dt, 0.0, 1, (), looped=True)
+
+    def sample(i: Array, rows: Array) -> Array:
+        found = stepper.sample(names, (first + i) * every, states[i])
+        lanes = states.shape[2:]
+        now = jnp.concatenate([jnp.broadcast_to(found[n], (*shape_of(n, vehicle), *lanes)).reshape((-1, *lanes)) for n in names])
+        return jax.lax.dynamic_update_index_in_dim(rows, now, i, 0)
+
+    # what is not read stays 0, or NaN where a parameter is: a use for each
+    unread = jnp.where(_no_number(vehicle, damper, speed, track, dt) | (first < 0) | (every < 0), jnp.nan, 0.0).astype(
+        states.dtype
+    )
+    height = sum(math.prod(shape_of(name, vehicle)) for name in names)
+    return jax.lax.fori_loop(0, count, sample, jnp.broadcast_to(unread, (states.shape[0], height, *states.shape[2:])))
+
 
 #: what reverse mode may keep of a run, bytes; beyond that it keeps blocks of steps and computes the steps again (20 % slower)
 KEPT_BYTES = 2**26
 
 
-def _first(inputs: tuple[Inputs, Inputs, Inputs, Array]) -> Inputs:
-    return jax.tree.map(lambda leaf: leaf[0], inputs[0])
-
+#: name of the states among the records
+STATES = "states"
 
 #: metres or radians beyond which the small displacements of the model have lost their meaning
 DIVERGED = 1.0
@@ -209,8 +300,10 @@ def _finish(how: str, total: Array, count: Array) -> Array:
 
 def _inputs(
     vehicle: Vehicle, speed: Speed, track: Track, like: Float[Array, "n m *lanes"], dt: Scalar, burst: int
-) -> Callable[[Array], tuple[Inputs, Inputs, Inputs, Array]]:
-    """Track and speed over the steps of a burst: at the start, the middle and the end of each, and the time of its start."""
+) -> Callable[[Array], tuple[Inputs, Array]]:
+    """Track and speed over the steps of a burst: at the start, the middle and the end of each, and the time of its start.
+
+    Leaves have the shape (burst, 3, ...)."""
     positions = wheelset_positions(vehicle, like)
     halves = 0.5 * jnp.arange(2 * burst + 1, dtype=like.dtype)
     varying = isinstance(speed, SpeedProfile)
@@ -228,54 +321,9 @@ def _inputs(
         alignment = seen(jnp.asarray(speed * (index * burst * dt), like.dtype))
         return Inputs(jnp.broadcast_to(alignment, (2 * burst + 1, *like.shape)), None)
 
-    def inputs(index: Array) -> tuple[Inputs, Inputs, Inputs, Array]:
-        now = sampled(index)
-        start, mid, end = (
-            jax.tree.map(lambda leaf, part=part: leaf[part], now)
-            for part in (slice(0, -1, 2), slice(1, None, 2), slice(2, None, 2))
-        )
-        return start, mid, end, ((index * burst + jnp.arange(burst)) * dt).astype(like.dtype)
+    def inputs(index: Array) -> tuple[Inputs, Array]:
+        parts = slice(0, -1, 2), slice(1, None, 2), slice(2, None, 2)
+        of_steps = jax.tree.map(lambda leaf: jnp.stack([leaf[part] for part in parts], axis=1), sampled(index))
+        return of_steps, ((index * burst + jnp.arange(burst)) * dt).astype(like.dtype)
 
     return inputs
-
-
-def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: Scalar = 0.0) -> Float[Array, ""]:
-    """Largest spectral radius of the state matrix with the flanges free and in contact, 1/s: an upper bound, within 1 % or below
-    `enough`; infinite where the matrix is beyond floating point.
-
-    Both, because the flange's spring slows the overdamped creep modes of low speed and quickens the others; and likewise
-    within and beyond the corners of the other elements (`extremes`) and of the damper (`damper_extremes`). Gelfand: |E^(2^k)|^(1/2^k) by repeated squaring, so that
-    it runs in a batch and on any device.
-    """
-    cases = itertools.product(extremes(vehicle), damper_extremes(vehicle, damper), (False, True))
-    matrices = [state_matrix(one, speed, law, flange=flange) for one, law, flange in cases]
-    largest = max(len(matrix) for matrix in matrices)
-    matrices = [jnp.pad(matrix, (0, largest - len(matrix))) for matrix in matrices]  # laws differ in their internal states
-    matrix, enough = jax.lax.stop_gradient((jnp.stack(matrices), enough))
-    n = size(vehicle)
-    scale = jnp.where(jnp.arange(matrix.shape[-1]) < n, 100.0, 1.0)  # displacements against velocities: about the rates
-    matrix = matrix * (scale[:, None] / scale)
-
-    def norm(power: Float[Array, "k states states"]) -> Float[Array, "k 1 1"]:
-        return jnp.sqrt(jnp.sum(power**2, axis=(-2, -1), keepdims=True))
-
-    def bound(power: Array, logarithm: Array, doublings: Array) -> Array:
-        return jnp.max(jnp.exp((logarithm + jnp.log(norm(power))) / 2.0**doublings))
-
-    def square(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        power, logarithm, doublings = carry
-        size_now = norm(power)
-        power = (power / size_now) @ (power / size_now)
-        return power, 2.0 * (logarithm + jnp.log(size_now)), doublings + 1
-
-    def loose(carry: tuple[Array, Array, Array]) -> Array:
-        return (carry[2] < 10) & (bound(*carry) > enough)
-
-    rate = bound(*jax.lax.while_loop(loose, square, (matrix, jnp.zeros((len(matrices), 1, 1), matrix.dtype), jnp.array(0))))
-    return jnp.where(jnp.isnan(rate), jnp.inf, rate)  # a norm that overflows
-
-
-@jax.jit
-def largest_step(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[Array, ""]:
-    """Largest dt (s) that RK4 holds at this speed: creep damping 2 f/(m v) grows as 1/v, 9 ms at 40 m/s, 1 ms at 5 m/s."""
-    return STABLE_RADIUS / fastest_rate(vehicle, speed, damper)

@@ -6,8 +6,9 @@ A lane is one simulation of a batch; it lives on the trailing axis of every arra
 import dataclasses
 import functools
 import os
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +19,8 @@ from jax.sharding import Mesh, PartitionSpec
 from .errors import InputError
 from .kernels import WIDE, one_kernel
 
+T, R = TypeVar("T"), TypeVar("R")
+
 #: lanes integrated together on one device; beyond 40 (JAX 0.10.1) or 56 (0.12) lanes a step on CPU takes twice as long per lane
 CHUNK = 32
 
@@ -27,16 +30,28 @@ def chunk_for(dtype: Any) -> int:
     return 2 * CHUNK if dtype == jnp.float32 and jax.__version_info__ >= (0, 12) else CHUNK
 
 
+def cores() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_threads(function: Callable[[T], R], given: Sequence[T]) -> list[R]:
+    """`function` of each, as many at once as there are cores: for host code that waits for compiled programs most of its time."""
+    if len(given) < 2 or cores() < 2:
+        return [function(one) for one in given]
+    with ThreadPoolExecutor(cores()) as pool:
+        return list(pool.map(function, given))
+
+
 def use_all_cores() -> None:
     """One CPU device per core, so that a batch runs on all of them. Call it before anything is computed.
 
     Raises `InputError` where JAX has started its backend already: the number of devices is fixed from then on.
     """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
-        jax.config.update("jax_num_cpu_devices", cores)
+        jax.config.update("jax_num_cpu_devices", cores())
     except RuntimeError:
-        if jax.local_device_count("cpu") != cores:
+        if jax.local_device_count("cpu") != cores():
             raise InputError("railjax.use_all_cores() comes too late: call it before the first computation") from None
 
 

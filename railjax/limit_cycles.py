@@ -1,7 +1,7 @@
 """Limit cycles over speed, and the branch that they form: what `hunting_branch` finds; it prints and plots itself."""
 
-import functools
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,11 +10,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-from . import orbits
+from .attractors import settled
+from .continuation import hunting_mode
+from .critical import default_wheelset
+from .dampers import Damper
 from .errors import InputError
+from .floquet import Floquet, multipliers_of
+from .fold_search import steps_of_period
+from .host import Answer, HostFunction
+from .lanes import in_threads, own_axes
 from .linear import LinearCritical
-from .orbits import Floquet, Model, Point, Shooting, multipliers_of
+from .orbits import DISPLACEMENT, Model, Shooting, rounded, unpack
+from .shooting import Point, amplitude_slopes, at_speed, largest_displacement, solved
+from .typing import Number
 from .units import KMH
+from .vehicle import Vehicle, bare
 
 if TYPE_CHECKING:
     import xarray
@@ -127,9 +137,8 @@ class Branch:
                 if within and one.stable == stable and other.stable == stable:
                     share = (speed - one.speed) / (other.speed - one.speed) if other.speed != one.speed else 0.0
                     guess = one.unknowns + share * (other.unknowns - one.unknowns)
-                    problem = orbits.at_speed(self.model, self.shooting, jnp.asarray(guess), speed)
-                    found = solve(self.model, self.shooting, problem)
-                    if bool(found.usable):
+                    found = solved(self.model, self.shooting, at_speed(self.model, self.shooting, guess, speed))
+                    if found.usable:
                         return limit_cycle_at(self.model, self.shooting, found)
         kind = "stable" if stable else "unstable"
         raise InputError(f"the branch has no {kind} limit cycle at {speed * KMH:.2f} km/h")
@@ -172,29 +181,61 @@ class Branch:
         return "\n".join(lines)
 
 
-solve = jax.jit(orbits.solved, static_argnums=1)
-
-
 def limit_cycle_at(model: Model, shooting: Shooting, point: Point) -> LimitCycle:
-    """The limit cycle of a point on its branch, with multipliers and its largest displacement."""
-    orbit, peak = _orbit_and_peak(model, shooting, point.unknowns)
+    """The limit cycle of a point on its branch, with multipliers and its largest displacement: more than at the turning point where
+    the wheelset turns more than twice."""
+    orbit = unpack(model, shooting, point.unknowns)
     return LimitCycle(
         float(orbit.speed),
-        float(peak),
+        float(point.peaks[shooting.wheelset]),
         1.0 / float(orbit.period),
-        multipliers_of(shooting, np.asarray(point.monodromy)),
-        np.asarray(orbit.state),
-        float(point.residual),
-        np.asarray(point.unknowns),
+        multipliers_of(shooting, point.monodromy),
+        orbit.state,
+        point.residual,
+        point.unknowns,
     )
 
 
-@functools.partial(jax.jit, static_argnums=1)
-def _orbit_and_peak(
-    model: Model, shooting: Shooting, unknowns: Float[Array, "unknowns"]
-) -> tuple[orbits.Orbit, Float[Array, ""]]:
-    """The orbit and the wheelset's largest displacement over its period, m: more than at the turning point where the wheelset
-    turns more than twice."""
-    orbit = orbits.unpack(model, shooting, unknowns)
-    y = orbits.history(model, shooting, orbit)[:, orbits.amplitude_index(model.vehicle, shooting.wheelset)]
-    return orbit, jnp.max(jnp.abs(y))
+#: displacement, in clearances, below which a vehicle has come to rest
+AT_REST = 1e-3
+
+
+def limit_cycle_amplitude(vehicle: Vehicle, damper: Damper, speed: Number, steps: int) -> Float[Array, "..."]:
+    """Amplitude (m) of the limit cycle to which the vehicle is drawn from a large disturbance at a speed (m/s), 0 where it comes to rest,
+    NaN where its motion is no limit cycle.
+
+    Of the leading wheelset of the trailing bogie; differentiable by the vehicle and the damper; lanes as in `nonlinear_critical`.
+    `steps` of RK4 in half a period. Not inside of `jax.jit`.
+    """
+    given = bare(rounded(vehicle), damper), jnp.asarray(speed, float)
+    return _amplitude(given, default_wheelset(vehicle, None), steps)[0]
+
+
+def _amplitudes(lanes: Sequence[tuple], slopes: bool, wheelset: int, steps: int) -> Answer:
+    found = in_threads(lambda lane: _amplitude_of(Model(*lane[0]), float(lane[1]), Shooting(steps, wheelset), slopes), lanes)
+    values, by_numbers = zip(*found, strict=True)
+    return Answer((np.array(values),), list(by_numbers) if slopes else None)
+
+
+def _amplitude_of(model: Model, speed: float, shooting: Shooting, slopes: bool) -> tuple[float, list[np.ndarray]]:
+    """The amplitude and, if wanted, its derivative by each number of the model and by the speed (taken as given: zero)."""
+    none = [*(np.zeros(np.shape(leaf)) for leaf in jax.tree.leaves(model)), np.zeros(())]
+    shape, omega = hunting_mode(model, shooting, speed)
+    clearance = float(model.vehicle.contact.flange_clearance)
+    period = 2.0 * np.pi / omega
+    problem = settled(model, shooting, shape * clearance, period, speed, steps_of_period(model, speed, period))
+    point = solved(model, shooting, problem)
+    if point.usable and largest_displacement(model, point) > AT_REST * clearance:
+        sign = np.sign(point.amplitude)
+        by_numbers = jax.tree.leaves(amplitude_slopes(model, shooting, point)) if slopes else []
+        return abs(point.amplitude), [*(sign * slope for slope in by_numbers), np.zeros(())]
+    at_rest = point.usable or np.max(np.abs(problem.guess[:-2])) * DISPLACEMENT < AT_REST * clearance
+    return 0.0 if at_rest else np.nan, none
+
+
+_amplitude = HostFunction(
+    "the amplitude of a limit cycle",
+    _amplitudes,
+    (float,),
+    lambda given: ((own_axes(given[0][0]), own_axes(given[0][1])), 0),
+)

@@ -2,6 +2,7 @@
 
 import functools
 from enum import IntEnum
+from types import ModuleType
 from typing import NamedTuple
 
 import jax
@@ -9,13 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
+from .along_speed import TOGETHER, Along, along_speed, concrete
 from .crossing import GROWN, Crossing, crossings, first_unproved, one_by_one
 from .dampers import Damper
 from .deflections import size
 from .errors import NumericalError
 from .kernels import eig_both
 from .lanes import by_device, count_lanes, each_lane, own_axes
-from .motion import PASSIVE, state_matrix, state_product
+from .motion import PASSIVE, state_matrix, state_product, state_size
 from .precision import require_double_precision
 from .typing import Scalar
 from .units import KMH
@@ -26,6 +28,8 @@ from .vehicle import Vehicle, bare
 LOWEST, HIGHEST, POINTS = 3.0, 150.0, 60
 #: how often the spacing is halved
 HALVINGS = 24
+#: largest last step of Newton's method, relative
+RESOLVED = 1e-10
 
 
 class Stability(IntEnum):
@@ -76,51 +80,47 @@ def linear_critical(
     """As `linear_critical_speed`, `lowest` and `highest` in m/s too, with frequency and result code instead of errors."""
     require_double_precision("the linear critical speed")
     trees = bare(vehicle, damper)
-    lanes = count_lanes(trees, _axes(trees))
-    return _critical(trees, jnp.asarray(lowest, float), jnp.asarray(highest, float), lanes)
+    return _found(count_lanes(trees, _axes(trees)), trees, lowest, highest)[0]
 
 
 def _axes(trees: tuple) -> tuple:
     return tuple(own_axes(tree) for tree in trees)
 
 
-@functools.partial(jax.jit, static_argnames="lanes")
-def _critical(trees: tuple, lowest: Scalar, highest: Scalar, lanes: int | None) -> LinearCritical:
-    crossing, code = _found(lanes, trees, lowest, highest)
-    found = code == Stability.OK
-    return LinearCritical(
-        jnp.where(found, crossing.speed, jnp.where(code == Stability.STABLE, jnp.inf, jnp.nan)),
-        jnp.where(found, crossing.omega / (2.0 * jnp.pi), jnp.nan),
-        jnp.where(found, crossing.by_speed.real, jnp.nan),
-        code,
-    )
-
-
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _found(lanes: int | None, trees: tuple, lowest: Scalar, highest: Scalar) -> tuple[Crossing, Int[Array, "..."]]:
-    if lanes is None:
-        return _robust(*trees, lowest, highest)
-    axes = _axes(trees)
-    return by_device(functools.partial(_many, axes), (*trees, lowest, highest), (*axes, 0, 0))
+def _found(lanes: int | None, trees: tuple, lowest: Scalar, highest: Scalar) -> tuple[LinearCritical, Crossing]:
+    """What is said, and the critical eigenpair; for one vehicle whose numbers are known on the host, where little is to be compiled."""
+    if lanes is None and concrete(trees, lowest, highest):
+        found, crossing = _told(*_on_host(*trees, float(lowest), float(highest)), np)
+        return jax.device_put(found), crossing
+    return _compiled(lanes, trees, jnp.asarray(lowest, float), jnp.asarray(highest, float))
 
 
 @_found.defjvp
 def _derivative(lanes: int | None, primals: tuple, tangents: tuple) -> tuple:
-    """Implicit function: Re(dlambda + lambda_v dv) = 0 with dlambda = w^T dE x for right and left vectors with w^T x = 1."""
-    crossing, code = _found(lanes, *primals)
-    at = _held(crossing)
+    found, crossing = _found(lanes, *primals)
+    speed, omega, frequency = _rates(lanes, primals[0], tangents[0], _held(crossing))
+    of_found, of_crossing = jax.tree.map(jnp.zeros_like, (found, crossing))
+    of_found = of_found._replace(speed=speed, frequency=frequency, code=np.zeros(found.code.shape, jax.dtypes.float0))
+    return (found, crossing), (of_found, of_crossing._replace(speed=speed, omega=omega))
+
+
+@functools.partial(jax.jit, static_argnames="lanes")
+def _rates(
+    lanes: int | None, trees: tuple, moved: tuple, at: Crossing
+) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
+    """Of speed, omega and frequency. Implicit function: Re(dlambda + lambda_v dv) = 0 with dlambda = w^T dE x for right and left
+    vectors with w^T x = 1."""
 
     def eigenvalue(trees: tuple) -> Complex[Array, "..."]:
         if lanes is None:
             return _rayleigh(*trees, at)
         return each_lane(_rayleigh, (*trees, at), (*_axes(trees), Crossing(0, 0, 0, 1, 1)))
 
-    change = jax.jvp(eigenvalue, primals[:1], tangents[:1])[1]
-    by_parameters = -change.real / at.by_speed.real
-    moved = jax.tree.map(jnp.zeros_like, crossing)._replace(
-        speed=by_parameters, omega=change.imag + at.by_speed.imag * by_parameters
-    )
-    return (crossing, code), (moved, np.zeros(code.shape, jax.dtypes.float0))
+    change = jax.jvp(eigenvalue, (trees,), (moved,))[1]
+    speed = -change.real / at.by_speed.real
+    omega = change.imag + at.by_speed.imag * speed
+    return speed, omega, omega / (2.0 * jnp.pi)
 
 
 @jax.custom_jvp
@@ -141,10 +141,24 @@ def _rayleigh(vehicle: Vehicle, damper: Damper, crossing: Crossing) -> Complex[A
     return crossing.left @ (image[:, 0] + 1j * image[:, 1])
 
 
-def _only_found(crossing: Crossing, code: Int[Array, "..."]) -> Crossing:
-    """Numbers without effect where nothing was found, so that such a lane does not spoil a sum's derivative."""
-    neutral = Crossing(1.0, 0.0, 1.0, 0.0, 0.0)
-    return jax.tree.map(lambda value, none: jnp.where(code == Stability.OK, value, none), crossing, neutral)
+def _told(crossing: Crossing, code: Int[Array | np.ndarray, "..."], xp: ModuleType = jnp) -> tuple[LinearCritical, Crossing]:
+    """The crossing as it is told, in NumPy or JAX; and with numbers without effect where nothing was found, so that such a lane does
+    not spoil a sum's derivative."""
+    found = code == Stability.OK
+    crossing = Crossing(*(xp.where(found, value, none) for value, none in zip(crossing, (1.0, 0.0, 1.0, 0.0, 0.0), strict=True)))
+    speed = xp.where(found, crossing.speed, xp.where(code == Stability.STABLE, np.inf, np.nan))
+    frequency = xp.where(found, crossing.omega / (2.0 * np.pi), np.nan)
+    return LinearCritical(speed, frequency, xp.where(found, crossing.by_speed.real, np.nan), code), crossing
+
+
+@functools.partial(jax.jit, static_argnames="lanes")
+def _compiled(
+    lanes: int | None, trees: tuple, lowest: Float[Array, ""], highest: Float[Array, ""]
+) -> tuple[LinearCritical, Crossing]:
+    if lanes is None:
+        return _told(*_robust(*trees, lowest, highest))
+    axes = _axes(trees)
+    return _told(*by_device(functools.partial(_many, axes), (*trees, lowest, highest), (*axes, 0, 0)))
 
 
 def _many(axes: tuple, trees: tuple) -> tuple[Crossing, Int[Array, "lanes"]]:
@@ -169,11 +183,8 @@ def _many(axes: tuple, trees: tuple) -> tuple[Crossing, Int[Array, "lanes"]]:
     unstable = (first == 0) & (logarithm > jnp.log(GROWN))
     code = jnp.where(first == POINTS, int(Stability.STABLE), jnp.where(unstable, int(Stability.UNSTABLE), int(Stability.OK)))
     left = (code == Stability.OK) & ~proved
-    found = crossing, code
-    found = one_by_one(left, lambda index: _robust(*taken(index), lowest, highest), found)
-    crossing, code = found
-    crossing = crossing._replace(right=crossing.right.T, left=crossing.left.T)
-    return _only_found(crossing, code), code
+    crossing, code = one_by_one(left, lambda index: _robust(*taken(index), lowest, highest), (crossing, code))
+    return crossing._replace(right=crossing.right.T, left=crossing.left.T), code
 
 
 def _robust(vehicle: Vehicle, damper: Damper, lowest: Scalar, highest: Scalar) -> tuple[Crossing, Int[Array, ""]]:
@@ -220,5 +231,49 @@ def _robust(vehicle: Vehicle, damper: Damper, lowest: Scalar, highest: Scalar) -
     # it must stay within the grid's bracket, else the crossing is lost in round-off
     resolved = jnp.abs(step) <= (highest - lowest) / POINTS
     code = jnp.where((code == Stability.OK) & ~resolved, int(Stability.FAILED), code)
-    omega = jnp.abs(values[critical].imag + slope.imag * step)
-    return _only_found(Crossing(near + step, omega, slope, x, w), code), code
+    return Crossing(near + step, jnp.abs(values[critical].imag + slope.imag * step), slope, x, w), code
+
+
+def _on_host(vehicle: Vehicle, damper: Damper, lowest: float, highest: float) -> tuple[Crossing, Int[np.ndarray, ""]]:
+    """The same as `_robust` by LAPACK on the host, with Newton's method inside the bracket in place of most of the bisection."""
+    from scipy.linalg import eig  # here, for a quick import of railjax
+
+    along, speeds = along_speed(vehicle, damper), np.linspace(lowest, highest, POINTS)
+    nothing = Crossing(*np.zeros(2), np.zeros((), complex), *np.zeros((2, state_size(vehicle, damper)), complex))
+    with np.errstate(all="ignore"):
+        try:
+            growth = _growth_up_to_instability(along, speeds)
+            if not growth[-1] > 0.0:
+                return nothing, np.array(int(Stability.STABLE))
+            if len(growth) == 1:
+                return nothing, np.array(int(Stability.UNSTABLE))
+            low, high = speeds[len(growth) - 2 : len(growth)]
+            near = low + (high - low) * growth[-2] / (growth[-2] - growth[-1])
+            for _ in range(2 * HALVINGS):
+                (matrix,), (by_speed,) = along(np.array([near]))
+                values, left, right = eig(matrix, left=True, right=True)
+                critical = np.argmax(values.real)
+                value, x, w = values[critical], right[:, critical], left[:, critical].conj()
+                w = w / (w @ x)
+                slope = w @ by_speed @ x
+                step = -value.real / slope.real
+                low, high = (low, near) if value.real > 0 else (near, high)
+                if abs(step) <= RESOLVED * near:
+                    break
+                near = near + step if low < near + step < high else 0.5 * (low + high)
+        except (np.linalg.LinAlgError, ValueError):  # not finite, or no convergence
+            return nothing, np.array(int(Stability.FAILED))
+        code = Stability.OK if abs(step) <= (highest - lowest) / POINTS else Stability.FAILED
+        return Crossing(near + step, np.abs(value.imag + slope.imag * step), slope, x, w), np.array(int(code))
+
+
+def _growth_up_to_instability(along: Along, speeds: Float[np.ndarray, "points"]) -> list[float]:
+    """Largest real part of E's eigenvalues at the speeds up to the first where it is positive. Raises `LinAlgError`."""
+    growth: list[float] = []
+    for start in range(0, len(speeds), TOGETHER):
+        matrices, _ = along(speeds[start : start + TOGETHER])
+        for matrix in matrices:
+            growth.append(float(np.linalg.eigvals(matrix).real.max()))
+            if growth[-1] > 0.0:
+                return growth
+    return growth

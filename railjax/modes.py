@@ -1,15 +1,17 @@
 """Modes as engineers name them: frequencies, damping ratios, shapes, and their loci along the speed."""
 
+import math
 from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from .along_speed import along_speed
 from .dampers import Damper
 from .deflections import labels, layout, size
 from .errors import InputError, NumericalError
-from .motion import PASSIVE, matrices, state_matrix
+from .motion import PASSIVE, inertias
 from .precision import require_double_precision
 from .typing import Scalar
 from .units import KMH
@@ -45,7 +47,7 @@ class Modes:
     @property
     def damping_ratio(self) -> Float[np.ndarray, "modes"]:
         """zeta = -Re(lambda)/|lambda|; negative means unstable."""
-        return np.asarray(damping_ratios(self.eigenvalues))
+        return damping_ratios(self.eigenvalues)
 
     def __str__(self) -> str:
         lines = [
@@ -62,9 +64,13 @@ def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
     require_double_precision("the modes")
     if not 0 < float(speed) < float("inf"):
         raise InputError(f"speed must be positive (m/s), not {float(speed):g}: creepage is a ratio to the speed")
+    matrices, _ = along_speed(vehicle, damper)(np.array([speed], float))
+    return _modes_of(vehicle, float(speed), matrices[0])
+
+
+def _modes_of(vehicle: Vehicle, speed: float, matrix: Float[np.ndarray, "states states"]) -> Modes:
     from scipy.linalg import eig  # here, for a quick import of railjax
 
-    matrix = np.asarray(state_matrix(vehicle, speed, damper))
     if not np.all(np.isfinite(matrix)):
         raise NumericalError(f"the state matrix is not finite; {EXTREME}")
     try:
@@ -77,7 +83,9 @@ def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
     keep = keep[np.argsort(-values[keep].real, kind="stable")]
     values, left, right = values[keep], left[:, keep], right[:, keep]
     n = size(vehicle)
-    energy = np.diag(np.asarray(matrices(vehicle, speed).mass))[:, None] * np.abs(right[n : 2 * n]) ** 2
+    inertia = inertias(vehicle)
+    mass = np.concatenate([np.full(math.prod(shape), float(inertia[group])) for group, shape in layout(vehicle).items()])
+    energy = mass[:, None] * np.abs(right[n : 2 * n]) ** 2
     # a rigid-body mode at rest has no kinetic energy; it counts by its shape
     energy = np.where(energy.sum(axis=0) > 0, energy, np.abs(right[:n]) ** 2)
     with np.errstate(all="ignore"):
@@ -88,13 +96,13 @@ def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
     if not np.all(np.isfinite(energy)) or not np.all(np.isfinite(shapes)):
         raise NumericalError(f"the shapes of the modes are beyond floating point; {EXTREME}")
     names = _names(vehicle, values, shapes, energy)
-    return Modes(float(speed), names, values, shapes, energy, condition, labels(vehicle), right, left)
+    return Modes(speed, names, values, shapes, energy, condition, labels(vehicle), right, left)
 
 
-def damping_ratios(values: Complex[Array | np.ndarray, "..."]) -> Float[Array, "..."]:
-    """zeta = -Re(lambda)/|lambda| of eigenvalues; 0 for a rigid-body mode, lambda = 0."""
-    size = jnp.abs(values)
-    return -values.real / jnp.where(size > 0.0, size, 1.0)
+def damping_ratios(values: Complex[Array | np.ndarray, "..."]) -> Float[Array | np.ndarray, "..."]:
+    """zeta = -Re(lambda)/|lambda| of eigenvalues, by the library that they are of; 0 for a rigid-body mode, lambda = 0."""
+    size = abs(values)
+    return -values.real / (np if isinstance(values, np.ndarray) else jnp).where(size > 0.0, size, 1.0)
 
 
 def _names(vehicle: Vehicle, values: np.ndarray, shapes: np.ndarray, energy: np.ndarray) -> list[str]:
@@ -104,7 +112,7 @@ def _names(vehicle: Vehicle, values: np.ndarray, shapes: np.ndarray, energy: np.
     for group, shape in layout(vehicle).items():
         rows[group] = slice(start, start + int(np.prod(shape)))
         start = rows[group].stop
-    damping = np.asarray(damping_ratios(values))
+    damping = damping_ratios(values)
     names = []
     hunting = []
     for k in range(len(values)):
@@ -175,7 +183,7 @@ class RootLocus:
     @property
     def damping_ratio(self) -> Float[np.ndarray, "speeds modes"]:
         """zeta = -Re(lambda)/|lambda|."""
-        return np.asarray(damping_ratios(self.eigenvalues))
+        return damping_ratios(self.eigenvalues)
 
 
 def root_locus(vehicle: Vehicle, speeds: Float[np.ndarray, "speeds"], damper: Damper = PASSIVE) -> RootLocus:
@@ -187,15 +195,17 @@ def root_locus(vehicle: Vehicle, speeds: Float[np.ndarray, "speeds"], damper: Da
     speeds = np.asarray(speeds, float)
     if speeds.ndim != 1 or len(speeds) < 2 or not np.all(np.diff(speeds) > 0) or not speeds[0] > 0:
         raise InputError("speeds must be at least two positive numbers (m/s) in rising order")
-    here = modes(vehicle, speeds[-1], damper)
+    require_double_precision("the modes")
+    matrices, _ = along_speed(vehicle, damper)(speeds)
+    here = _modes_of(vehicle, float(speeds[-1]), matrices[-1])
     count = int(np.sum(here.eigenvalues.imag > 0))
     order = np.flatnonzero(here.eigenvalues.imag > 0)
     names = [here.names[k] for k in order]
     columns = [here.eigenvalues[order]]
     overlaps = [np.ones(count)]
     left = here.left[:, order]
-    for speed in speeds[-2::-1]:
-        below = modes(vehicle, speed, damper)
+    for speed, matrix in zip(speeds[-2::-1], matrices[-2::-1], strict=True):
+        below = _modes_of(vehicle, float(speed), matrix)
         scale = np.linalg.norm(left, axis=0)[:, None] * np.linalg.norm(below.right, axis=0)
         match = np.abs(left.conj().T @ below.right) / scale
         match = match / np.maximum(match.max(axis=1, keepdims=True), 1e-300)

@@ -10,15 +10,16 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from .contact import ContactForce, Creepage, contact_force, creepages
 from .dampers import Damper, PassiveDamper, Seen, law_of
 from .deflections import Groups, damper_point, deflections, join, size, split, transposed
 from .elements import bump_stop_force, yaw_damper_force, yaw_damper_states
-from .kernels import fence
+from .kernels import fence, one_kernel
 from .typing import Scalar
-from .vehicle import Vehicle, without_labels
+from .vehicle import Packed, Vehicle, without_labels
 
 #: F_d of eq. (1): the vehicle's own rho_cy
 PASSIVE = PassiveDamper()
@@ -210,7 +211,7 @@ def linearised(
     damper: Damper,
     read: Callable[[Motion], Any],
     *,
-    flange: bool = False,
+    flange: bool | Bool[Array, ""] = False,
 ) -> Any:
     """What each state, then the alignment under each wheelset, does to `read` near straight running with linear creep.
 
@@ -231,13 +232,12 @@ def _along(
     read: Callable[[Motion], Any],
     x: Float[Array, "states columns"],
     alignment: Float[Array, "n m columns"],
-    flange: bool,
+    flange: bool | Bool[Array, ""],
 ) -> Any:
     """Derivative of `read` near straight running along columns of states and alignments."""
-    contact = vehicle.contact
-    # beyond a negative clearance at rest already: at one of 0 the corner would halve the slope
-    contact = replace(contact, law="sharp", flange_clearance=-1.0) if flange else replace(contact, law="linear")
-    vehicle = replace(vehicle, contact=contact)
+    # within the flange's dead band, or beyond its corners already
+    clearance = jnp.where(flange, -1.0, 1.0).astype(x.dtype)
+    vehicle = replace(vehicle, contact=replace(vehicle.contact, law="linear", flange_clearance=clearance))
     slowness = 1.0 / jnp.asarray(speed, x.dtype)
 
     def of(x: Float[Array, "states columns"], alignment: Float[Array, "n m columns"]) -> Any:
@@ -272,9 +272,22 @@ def track_matrix(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> F
     return _rate_matrix(without_labels(vehicle), speed, damper, False)[:, state_size(vehicle, damper) :]
 
 
-@functools.partial(jax.jit, static_argnames="flange")
-def _rate_matrix(vehicle: Vehicle, speed: Scalar, damper: Damper, flange: bool) -> Float[Array, "states columns"]:
+@jax.jit
+def _rate_matrix(
+    vehicle: Vehicle, speed: Scalar, damper: Damper, flange: bool | Bool[Array, ""]
+) -> Float[Array, "states columns"]:
     return linearised(vehicle, speed, damper, functools.partial(state_rate, vehicle), flange=flange)
+
+
+@jax.jit
+@one_kernel
+def _rate_matrices(packed: Packed) -> Float[Array, "2 states columns"]:
+    return jax.lax.map(functools.partial(_rate_matrix, *packed.unpacked()), jnp.array([False, True]))
+
+
+def state_matrices(vehicle: Vehicle, speed: Scalar, damper: Damper) -> Float[np.ndarray, "2 states states"]:
+    """`state_matrix` without and with the flanges in contact, of known numbers: one small program for all of a kind."""
+    return np.asarray(_rate_matrices(Packed.of((vehicle, speed, damper))))[:, :, : state_size(vehicle, damper)]
 
 
 class Matrices(NamedTuple):

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from . import attractors, continuation, critical, linear, orbits
+from . import critical, limit_cycles, linear
 from .channels import CHANNELS, check_channel
 from .dampers import Damper
 from .errors import InputError
@@ -204,6 +204,7 @@ class NonlinearCriticalSpeed(Quantity):
 
     steps: int = structure(critical.FEWEST_STEPS)
 
+    traced: ClassVar[bool] = False
     unit: ClassVar[str] = "km/h"
     factor: ClassVar[float] = KMH
     greatest: ClassVar[bool] = True
@@ -212,9 +213,11 @@ class NonlinearCriticalSpeed(Quantity):
     def name(self) -> str:
         return "nonlinear critical speed"
 
-    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
+    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "..."]:
         found = critical.nonlinear_critical(vehicle, damper=smooth_damper(damper), steps=self.steps)
         return jnp.where(found.code == critical.Hunting.STABLE, linear.HIGHEST, found.speed)
+
+    each = value
 
 
 @jax.tree_util.register_dataclass
@@ -248,6 +251,7 @@ class LimitCycleAmplitude(Quantity):
     speed: Number
     steps: int = structure(critical.FEWEST_STEPS)
 
+    traced: ClassVar[bool] = False
     unit: ClassVar[str] = "mm"
     factor: ClassVar[float] = 1e3
 
@@ -255,22 +259,7 @@ class LimitCycleAmplitude(Quantity):
     def name(self) -> str:
         return f"limit-cycle amplitude at {kmh(self.speed)}"
 
-    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
-        """A step of Newton from the converged orbit, whose derivative is that of the implicit function."""
-        shooting = orbits.Shooting(self.steps, critical.default_wheelset(vehicle, None))
-        model = orbits.Model(orbits.rounded(vehicle), smooth_damper(damper))
-        fixed = jax.tree.map(lambda leaf: jax.lax.stop_gradient(jnp.asarray(leaf, float)), model)
-        speed = jnp.asarray(self.speed, float)
-        shape, omega = continuation.hunting_mode(fixed, shooting, speed)
-        start = shape * fixed.vehicle.contact.flange_clearance
-        problem = attractors.settled(fixed, shooting, start, 2.0 * jnp.pi / omega, speed)
-        point = jax.lax.stop_gradient(orbits.solved(fixed, shooting, problem))
-        equations = orbits.linearised(fixed, shooting, point.unknowns)
-        bordered = jnp.vstack([equations.jacobian, orbits.row_of(fixed, shooting, orbits.BY_SPEED)])
-        orbit = orbits.unpack(fixed, shooting, point.unknowns)
-        residual = orbits.section(model, shooting, orbit) - orbit.state / orbits.scales(model)
-        unknowns = point.unknowns - jnp.linalg.solve(bordered, jnp.append(residual, 0.0))
-        amplitude = jnp.abs(orbits.plane(model, shooting, unknowns)[0]) * orbits.DISPLACEMENT
-        hunts = point.usable & (continuation.largest_displacement(fixed, point) > 1e-3 * fixed.vehicle.contact.flange_clearance)
-        at_rest = jnp.max(jnp.abs(problem.guess[:-2])) * orbits.DISPLACEMENT < 1e-3 * fixed.vehicle.contact.flange_clearance
-        return jnp.where(hunts, amplitude, jnp.where(at_rest | point.usable, 0.0, jnp.nan))
+    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "..."]:
+        return limit_cycles.limit_cycle_amplitude(vehicle, smooth_damper(damper), self.speed, self.steps)
+
+    each = value

@@ -1,40 +1,43 @@
-"""Periodic orbits (limit cycles) of straight running, by shooting: Newton on the flow of the project's own RK4.
+"""Periodic orbits (limit cycles) of straight running as a boundary-value problem: the flow of the project's own RK4, and its derivatives.
 
 An orbit is a state on it, its period and the speed at which it exists. The state is taken where the lateral displacement
 of one wheelset turns, so that its displacement there is the amplitude. The vehicle is alike to both sides, so a limit
 cycle that keeps this symmetry is its own mirror image half a period later, and half a period of integration is enough.
+
+Only this is compiled; what decides what is integrated next (`shooting`, `continuation`, `fold_search`) is plain Python on NumPy's arrays.
 """
 
 import dataclasses
+import functools
+import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Complex, Float, Int
+from jaxtyping import Array, Float, Int
 
 from .dampers import Damper
 from .deflections import layout, size
-from .integrate import rk4_in_loop
+from .kernels import one_kernel
 from .motion import motion, state_rate, state_size, wheelset_shape
-from .typing import Scalar
-from .vehicle import Vehicle
+from .rk4 import rk4_in_loop
+from .step_bound import fastest_rate_on_host
+from .typing import Number, Scalar
+from .vehicle import Vehicle, without_labels
 
-State = Float[Array, "states"]
+State = Float[Array, "states"] | Float[np.ndarray, "states"]
+Unknowns = Float[Array, "unknowns"] | Float[np.ndarray, "unknowns"]
 
 #: what counts as one in Newton's norm: 1 mm or mrad, 50 mm/s or mrad/s; 0.1 s of period; 10 m/s of speed
 DISPLACEMENT, VELOCITY, PERIOD, SPEED = 1e-3, 5e-2, 0.1, 10.0
 
-#: Newton goes on until all residuals (of the units above) are below the first, and an orbit counts as closed below the second,
-#: for at a flange's corner Newton creeps
-AIM, CLOSED = 1e-9, 1e-7
-MOST_ITERATIONS = 16
-
 
 @dataclass(frozen=True)
 class Shooting:
-    """The static part of the boundary-value problem.
+    """What of the boundary-value problem is chosen.
 
     `steps` of RK4 over the half period (over the whole one for orbits that are not `symmetric`); `wheelset`, counted from
     the front, is the one whose lateral displacement measures the amplitude.
@@ -45,42 +48,63 @@ class Shooting:
     symmetric: bool = True
 
 
-class Model(NamedTuple):
-    """What hunts: a vehicle and what takes the place of rho_cy."""
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What hunts: a vehicle and what takes the place of rho_cy; and where things stand in its state."""
 
     vehicle: Vehicle
     damper: Damper
+
+    @functools.cached_property
+    def states(self) -> int:
+        """Length of the state."""
+        return state_size(self.vehicle, self.damper)
+
+    @functools.cached_property
+    def displacements(self) -> slice:
+        """Where the lateral displacements of all wheelsets stand in the state; their rates stand `size(vehicle)` further."""
+        before = itertools.takewhile(lambda entry: entry[0] != "wheelset_y", layout(self.vehicle).items())
+        first = sum(int(np.prod(shape)) for _, shape in before)
+        return slice(first, first + int(np.prod(wheelset_shape(self.vehicle))))
+
+    @functools.cached_property
+    def scales(self) -> Float[np.ndarray, "states"]:
+        """What counts as one for each state; the dampers' internal states like displacements unless the law says other."""
+        n = size(self.vehicle)
+        scale = np.full(self.states, DISPLACEMENT)
+        scale[n : 2 * n] = VELOCITY
+        return scale
+
+    @functools.cached_property
+    def mirror(self) -> Float[np.ndarray, "states"]:
+        """The motion seen in a mirror along the track: -1 for every coordinate, +1 for internal states that have no side.
+
+        A damper names the latter, like a controller's command, in `even_states`.
+        """
+        signs = np.full(self.states, -1.0)
+        bogies = wheelset_shape(self.vehicle)[0]
+        for index in getattr(self.damper, "even_states", ()):
+            start = 2 * size(self.vehicle) + index * bogies
+            signs[start : start + bogies] = 1.0
+        return signs
+
+    def amplitude_index(self, wheelset: int) -> int:
+        """Where the lateral displacement of a wheelset, counted from the front, stands in the state."""
+        return self.displacements.start + wheelset
+
+
+def model_of(vehicle: Vehicle, damper: Damper) -> Model:
+    """As the search for limit cycles takes it: sharp corners `rounded`, without labels, NumPy's numbers."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf, float), Model(without_labels(rounded(vehicle)), damper))
 
 
 class Orbit(NamedTuple):
     """A limit cycle: the state where the wheelset turns, the period (s) and the speed (m/s)."""
 
     state: State
-    period: Scalar
-    speed: Scalar
-
-
-class Problem(NamedTuple):
-    """Which orbit is looked for: near `guess` the one with row · unknowns = value.
-
-    `row` picks the orbit from its branch: the amplitude, the speed or a direction between.
-    """
-
-    guess: Float[Array, "unknowns"]
-    row: Float[Array, "unknowns"]
-    value: Float[Array, ""]
-
-
-class Point(NamedTuple):
-    """An orbit on its branch, and what the Jacobian there tells."""
-
-    unknowns: Float[Array, "unknowns"]  # `pack`ed
-    direction: Float[Array, "unknowns"]  # of the branch: a unit vector with row · direction > 0
-    amplitude: Float[Array, ""]  # lateral displacement of the wheelset at its turning point, m
-    monodromy: Float[Array, "states states"]  # of the half (mirrored) or whole period, of the scaled state
-    adjoint: State  # change of the speed (in its unit) per residual, with row · unknowns held
-    residual: Float[Array, ""]  # the largest, in the units above
-    usable: Bool[Array, ""]  # Newton converged to an orbit
+    period: Number
+    speed: Number
 
 
 #: m and units of u: how finely an orbit sees the corner of a sharp flange, and the kink of creep at zero
@@ -100,208 +124,146 @@ def rounded(vehicle: Vehicle) -> Vehicle:
     return dataclasses.replace(vehicle, contact=contact)
 
 
-def amplitude_index(vehicle: Vehicle, wheelset: int) -> int:
-    """Where the wheelset's lateral displacement stands in the state; its rate stands `size(vehicle)` further."""
-    before = 0
-    for name, shape in layout(vehicle).items():
-        if name == "wheelset_y":
-            return before + wheelset
-        before += int(np.prod(shape))
-    raise AssertionError("every vehicle has wheelsets")
+def fastest(model: Model, speed: float) -> float:
+    """Fastest rate of the vehicle at a speed (m/s), 1/s: what bounds the step of RK4."""
+    return fastest_rate_on_host(model.vehicle, speed, model.damper)
 
 
-def displacements(model: Model) -> slice:
-    """Where the lateral displacements of all wheelsets stand in the state."""
-    first = amplitude_index(model.vehicle, 0)
-    return slice(first, first + int(np.prod(wheelset_shape(model.vehicle))))
-
-
-def scales(model: Model) -> Float[np.ndarray, "states"]:
-    """What counts as one for each state; the dampers' internal states like displacements unless the law says other."""
-    n, states = size(model.vehicle), state_size(model.vehicle, model.damper)
-    scale = np.full(states, DISPLACEMENT)
-    scale[n : 2 * n] = VELOCITY
-    return scale
-
-
-def mirror(model: Model) -> Float[np.ndarray, "states"]:
-    """The motion seen in a mirror along the track: -1 for every coordinate, +1 for internal states that have no side.
-
-    A damper names the latter, like a controller's command, in `even_states`.
-    """
-    signs = np.full(state_size(model.vehicle, model.damper), -1.0)
-    bogies = wheelset_shape(model.vehicle)[0]
-    for index in getattr(model.damper, "even_states", ()):
-        start = 2 * size(model.vehicle) + index * bogies
-        signs[start : start + bogies] = 1.0
-    return signs
-
-
-def pack(model: Model, shooting: Shooting, orbit: Orbit) -> Float[Array, "unknowns"]:
+def pack(model: Model, shooting: Shooting, orbit: Orbit) -> Float[np.ndarray, "unknowns"]:
     """The unknowns as one vector of numbers of about one: all states but the wheelset's rate, which is zero; period; speed."""
-    rate = amplitude_index(model.vehicle, shooting.wheelset) + size(model.vehicle)
-    scaled = jnp.delete(orbit.state / scales(model), np.array(rate))
-    return jnp.concatenate([scaled, jnp.stack([orbit.period / PERIOD, orbit.speed / SPEED])])
+    scaled = np.delete(np.asarray(orbit.state) / model.scales, _rate_index(model, shooting))
+    return np.append(scaled, [float(orbit.period) / PERIOD, float(orbit.speed) / SPEED])
 
 
-def unpack(model: Model, shooting: Shooting, unknowns: Float[Array, "unknowns"]) -> Orbit:
-    """The orbit of a `pack`ed vector."""
-    rate = amplitude_index(model.vehicle, shooting.wheelset) + size(model.vehicle)
-    state = jnp.concatenate([unknowns[:rate], jnp.zeros(1, unknowns.dtype), unknowns[rate:-2]]) * scales(model)
+def unpack(model: Model, shooting: Shooting, unknowns: Unknowns) -> Orbit:
+    """The orbit of a `pack`ed vector, NumPy's or JAX's."""
+    rate, of = _rate_index(model, shooting), unknowns.__array_namespace__()
+    state = of.concat([unknowns[:rate], of.zeros(1, dtype=unknowns.dtype), unknowns[rate:-2]]) * model.scales
     return Orbit(state, unknowns[-2] * PERIOD, unknowns[-1] * SPEED)
 
 
-def flow(model: Model, orbit: Orbit, duration: Scalar, steps: int) -> tuple[State, Float[Array, "steps states"]]:
-    """The state after `duration` of straight running on even track, and the states at the start of every step."""
-    even = jnp.zeros(wheelset_shape(model.vehicle), orbit.state.dtype)
-    slowness = 1.0 / orbit.speed
+def _rate_index(model: Model, shooting: Shooting) -> int:
+    """Where the rate of the wheelset that measures the amplitude stands in the state."""
+    return model.amplitude_index(shooting.wheelset) + size(model.vehicle)
 
-    def rate(x: State) -> State:
+
+def state_rates(model: Model, slowness: Scalar, lanes: tuple[int, ...] = ()) -> Callable[[Array], Array]:
+    """x' of straight running on even track at 1/v = `slowness` (s/m), as a function of x (states, *lanes)."""
+    even = jnp.zeros((*wheelset_shape(model.vehicle), *lanes))
+
+    def rate(x: Float[Array, "states *lanes"]) -> Float[Array, "states *lanes"]:
         return state_rate(model.vehicle, motion(model.vehicle, model.damper, slowness, even, x))
 
-    def step(x: State, _: None) -> tuple[State, State]:
-        return rk4_in_loop(rate, x, duration / steps), x
-
-    return jax.lax.scan(step, orbit.state, length=steps)
+    return rate
 
 
-def section(model: Model, shooting: Shooting, orbit: Orbit) -> State:
+def flow(
+    model: Model, orbit: Orbit, duration: Scalar, steps: int | Int[Array, ""]
+) -> tuple[Float[Array, "states"], Float[Array, "wheelsets"]]:
+    """The state after `duration`, and each wheelset's largest lateral displacement at the start of a step, m (no derivative).
+
+    The number of steps is no constant of the compiled code.
+    """
+    rate, at = state_rates(model, 1.0 / orbit.speed), model.displacements
+
+    def step(_: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        x, peaks = carry
+        return rk4_in_loop(rate, x, duration / steps), jnp.maximum(peaks, jax.lax.stop_gradient(jnp.abs(x[at])))
+
+    x = jnp.asarray(orbit.state)
+    return jax.lax.fori_loop(0, steps, step, (x, jnp.zeros_like(x[at])))
+
+
+def section(model: Model, shooting: Shooting, orbit: Orbit) -> Float[Array, "states"]:
     """The scaled state half a period later, mirrored (or a whole period later): a fixed point where the orbit closes."""
-    if shooting.symmetric:
-        return mirror(model) * flow(model, orbit, 0.5 * orbit.period, shooting.steps)[0] / scales(model)
-    return flow(model, orbit, orbit.period, shooting.steps)[0] / scales(model)
+    return _section(shooting.symmetric, model, orbit, shooting.steps)[0]
+
+
+def _section(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> tuple[Array, Array]:
+    share, sign = (0.5, model.mirror) if symmetric else (1.0, 1.0)
+    arrived, peaks = flow(model, orbit, share * orbit.period, steps)
+    return sign * arrived / model.scales, peaks
+
+
+def _columns(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> tuple[Array, Array, Array]:
+    """`_section` with its derivatives by scaled state, period and speed: one lane a column, last, which share the flow's own arithmetic."""
+    scale = model.scales
+    states = scale.shape[0]
+
+    def of(direction: Float[Array, "columns"]) -> tuple[Array, Array, Array]:
+        along = Orbit(direction[:states] * scale, direction[states] * PERIOD, direction[states + 1] * SPEED)
+        (arrived, peaks), (moved, _) = jax.jvp(lambda orbit: _section(symmetric, model, orbit, steps), (orbit,), (along,))
+        return arrived, peaks, moved
+
+    return jax.vmap(of, in_axes=-1, out_axes=(None, None, -1))(jnp.eye(states + 2))
+
+
+def _by_parameters(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> Float[Array, "states numbers"]:
+    """Derivative of `_section` by every number of the model."""
+
+    def along(direction: Float[Array, "numbers"]) -> Float[Array, "states"]:
+        change = by_leaves(model, direction)
+        return jax.jvp(lambda model: _section(symmetric, model, orbit, steps)[0], (model,), (change,))[1]
+
+    count = sum(int(np.prod(np.shape(leaf))) for leaf in jax.tree.leaves(model))
+    return jax.vmap(along, in_axes=-1, out_axes=-1)(jnp.eye(count))
+
+
+@functools.cache
+def _compiled(function: Callable[..., Any], symmetric: bool) -> Callable[..., Any]:
+    return jax.jit(one_kernel(functools.partial(function, symmetric)))
+
+
+def _called(function: Callable[..., Any], model: Model, shooting: Shooting, orbit: Orbit) -> Any:
+    numbers = Orbit(*(np.asarray(value, float) for value in orbit))
+    return jax.tree.map(np.asarray, _compiled(function, shooting.symmetric)(model, numbers, np.asarray(shooting.steps)))
 
 
 class Linearised(NamedTuple):
-    """The equations at a point: residual and its derivative by all unknowns and by the whole scaled state."""
+    """The equations at a point: residual, its derivative by all unknowns and by the whole scaled state, wheelsets' peaks (m)."""
 
-    residual: State
-    jacobian: Float[Array, "states unknowns"]
-    monodromy: Float[Array, "states states"]
-
-
-def linearised(model: Model, shooting: Shooting, unknowns: Float[Array, "unknowns"]) -> Linearised:
-    """Residual and Jacobian by forward mode: one lane per column, which share the flow's own arithmetic."""
-    scale = scales(model)
-
-    def of_all(scaled: State, period: Scalar, speed: Scalar) -> tuple[State, State]:
-        arrived = section(model, shooting, Orbit(scaled * scale, period * PERIOD, speed * SPEED))
-        return arrived, arrived
-
-    start = unpack(model, shooting, unknowns).state / scale
-    columns, arrived = jax.jacfwd(of_all, argnums=(0, 1, 2), has_aux=True)(start, unknowns[-2], unknowns[-1])
-    monodromy, of_period, of_speed = columns
-    rate = amplitude_index(model.vehicle, shooting.wheelset) + size(model.vehicle)
-    of_state = jnp.delete(monodromy - jnp.eye(scale.shape[0]), np.array(rate), axis=1)
-    return Linearised(arrived - start, jnp.column_stack([of_state, of_period, of_speed]), monodromy)
+    residual: Float[np.ndarray, "states"]
+    jacobian: Float[np.ndarray, "states unknowns"]
+    monodromy: Float[np.ndarray, "states states"]
+    peaks: Float[np.ndarray, "wheelsets"]
 
 
-def solved(model: Model, shooting: Shooting, problem: Problem) -> Point:
-    """Newton from the guess, and what the Jacobian tells of the orbit found: direction of the branch, monodromy, adjoint.
-
-    Of own code, because optimistix (0.1.0) does not work under `shard_map`, on which batches rely, and forms the Jacobian anew
-    for what is wanted of it at the end.
-    """
-
-    class Iterate(NamedTuple):
-        here: Float[Array, "unknowns"]
-        ahead: Float[Array, "unknowns"]
-        equations: Linearised
-        error: Float[Array, ""]
-        count: Int[Array, ""]
-
-    def unfinished(iterate: Iterate) -> Bool[Array, ""]:
-        # NaN is finished
-        return (iterate.error > AIM) & (iterate.count < MOST_ITERATIONS)
-
-    def corrected(iterate: Iterate) -> Iterate:
-        here = iterate.ahead
-        equations = linearised(model, shooting, here)
-        off = jnp.append(equations.residual, problem.row @ here - problem.value)
-        step = jnp.linalg.solve(jnp.vstack([equations.jacobian, problem.row]), off)
-        return Iterate(here, here - step, equations, jnp.max(jnp.abs(off)), iterate.count + 1)
-
-    states = problem.guess.shape[0] - 1
-    nothing = Linearised(jnp.zeros(states), jnp.zeros((states, states + 1)), jnp.zeros((states, states)))
-    start = Iterate(problem.guess, problem.guess, nothing, jnp.asarray(jnp.inf), jnp.asarray(0))
-    unknowns, _, equations, error, _ = jax.lax.while_loop(unfinished, corrected, start)
-    bordered = jnp.vstack([equations.jacobian, problem.row])
-    last = jnp.zeros(states + 1).at[-1].set(1.0)
-    tangent = jnp.linalg.solve(bordered, last)
-    # the speed is the last unknown
-    adjoint = jnp.linalg.solve(bordered.T, last)[:-1]
+def linearised(model: Model, shooting: Shooting, unknowns: Float[np.ndarray, "unknowns"]) -> Linearised:
+    """Residual and Jacobian at a `pack`ed orbit."""
     orbit = unpack(model, shooting, unknowns)
-    usable = (error <= CLOSED) & jnp.all(jnp.isfinite(tangent)) & (orbit.speed > 0.0) & (orbit.period > 0.0)
-    amplitude = orbit.state[amplitude_index(model.vehicle, shooting.wheelset)]
-    return Point(unknowns, tangent / jnp.linalg.norm(tangent), amplitude, equations.monodromy, adjoint, error, usable)
+    arrived, peaks, columns = _called(_columns, model, shooting, orbit)
+    start, states = orbit.state / model.scales, arrived.shape[0]
+    jacobian = columns.copy()
+    jacobian[:, :states] -= np.eye(states)
+    return Linearised(arrived - start, np.delete(jacobian, _rate_index(model, shooting), axis=1), columns[:, :states], peaks)
 
 
-def implicit_speed(model: Model, shooting: Shooting, point: Point) -> Float[Array, ""]:
-    """Speed (m/s) of an orbit, to be differentiated with respect to the model: v - adjoint · residual.
-
-    One step of Newton from the converged orbit; its derivative is that of the implicit function, with what the row of the
-    point's problem picks held. At a fold, where the speed is stationary along the branch, that is the fold's own.
-    """
-    fixed = jax.lax.stop_gradient(point)
-    orbit = unpack(model, shooting, fixed.unknowns)
-    residual = section(model, shooting, orbit) - orbit.state / scales(model)
-    return (fixed.unknowns[-1] - fixed.adjoint @ residual) * SPEED
+def residual(model: Model, shooting: Shooting, unknowns: Float[np.ndarray, "unknowns"]) -> Float[np.ndarray, "states"]:
+    """How far a `pack`ed orbit is from closing; a tenth of the time of `linearised`."""
+    orbit = unpack(model, shooting, unknowns)
+    return _called(_section, model, shooting, orbit)[0] - orbit.state / model.scales
 
 
-def plane(model: Model, shooting: Shooting, vector: Float[Array, "unknowns"]) -> Float[Array, "2"]:
-    """Amplitude (mm) and speed (10 m/s) of a packed orbit or of a tangent: the plane of the bifurcation diagram."""
-    return jnp.stack([vector[amplitude_index(model.vehicle, shooting.wheelset)], vector[-1]])
+def advanced(model: Model, orbit: Orbit) -> Float[np.ndarray, "states"]:
+    """The state after the orbit's "period", here a few steps of RK4, at its speed."""
+    mirrored = _called(_section, model, SHORT, Orbit(orbit.state, 2.0 * orbit.period, orbit.speed))[0]
+    return model.mirror * mirrored * model.scales
 
 
-def row_of(model: Model, shooting: Shooting, direction: tuple[float, float]) -> Float[Array, "unknowns"]:
-    """The row with which `solved` picks an orbit by amplitude and speed: row · unknowns = direction · plane(unknowns)."""
-    unknowns = state_size(model.vehicle, model.damper) + 1
-    row = jnp.zeros(unknowns).at[amplitude_index(model.vehicle, shooting.wheelset)].set(direction[0])
-    return row.at[-1].set(direction[1])
+#: the compiled flow over half a "period" serves any time
+SHORT = Shooting(8, 0)
 
 
-#: directions for `row_of`
-BY_AMPLITUDE, BY_SPEED = (1.0, 0.0), (0.0, 1.0)
+def by_parameters(
+    model: Model, shooting: Shooting, unknowns: Float[np.ndarray, "unknowns"]
+) -> Float[np.ndarray, "states numbers"]:
+    """Derivative of the residual by every number of the model, in the order of its leaves."""
+    return _called(_by_parameters, model, shooting, unpack(model, shooting, unknowns))
 
 
-def at_speed(model: Model, shooting: Shooting, guess: Float[Array, "unknowns"], speed: Scalar) -> Problem:
-    """The orbit near a packed `guess` that exists at a speed (m/s)."""
-    return Problem(guess, row_of(model, shooting, BY_SPEED), jnp.asarray(speed) / SPEED)
-
-
-def history(model: Model, shooting: Shooting, orbit: Orbit) -> Float[Array, "steps states"]:
-    """States of the orbit at the start of every step of the half (or whole) period."""
-    duration = 0.5 * orbit.period if shooting.symmetric else orbit.period
-    return flow(model, orbit, duration, shooting.steps)[1]
-
-
-class Floquet(NamedTuple):
-    """Floquet multipliers of the whole period, and what they say."""
-
-    multipliers: Complex[np.ndarray, "states"]  # the trivial one first, then by falling magnitude
-    error: float  # |mu_1 - 1|: the trivial multiplier's distance from 1, the error bar of the others
-    half: Complex[np.ndarray, "states"]  # of the half period with mirror, in the same order (whole period if not symmetric)
-
-    @property
-    def largest(self) -> float:
-        """Magnitude of the largest multiplier but the trivial one."""
-        return float(np.abs(self.multipliers[1])) if len(self.multipliers) > 1 else 0.0
-
-    @property
-    def stable(self) -> bool:
-        """Whether nearby motions come back to the orbit."""
-        return self.largest < 1.0 - 1e-9  # neither at a fold nor at the Hopf point
-
-
-def floquet(shooting: Shooting, half: Complex[np.ndarray, "states"]) -> Floquet:
-    """Multipliers from the eigenvalues of the monodromy matrix, of which a symmetric orbit has that of half a period."""
-    trivial = int(np.argmin(np.abs(half - 1.0)))
-    rest = np.delete(half, trivial)
-    half = np.concatenate([half[trivial : trivial + 1], rest[np.argsort(-np.abs(rest), kind="stable")]])
-    multipliers = half**2 if shooting.symmetric else half
-    return Floquet(multipliers, float(abs(multipliers[0] - 1.0)), half)
-
-
-def multipliers_of(shooting: Shooting, monodromy: Float[np.ndarray, "states states"]) -> Floquet:
-    """Multipliers from the monodromy matrix."""
-    return floquet(shooting, np.linalg.eigvals(monodromy).astype(complex))
+def by_leaves(model: Model, numbers: Float[Array, "numbers"] | Float[np.ndarray, "numbers"]) -> Model:
+    """Numbers in the order of the model's leaves, put in their places."""
+    leaves, structure = jax.tree.flatten(model)
+    sizes = [int(np.prod(np.shape(leaf))) for leaf in leaves]
+    parts = [numbers[end - size : end] for size, end in zip(sizes, np.cumsum(sizes), strict=True)]
+    return structure.unflatten([part.reshape(np.shape(leaf)) for part, leaf in zip(parts, leaves, strict=True)])

@@ -15,8 +15,10 @@ PAPER_FORCE = 406.7  # N, Table 5
 REQUIRED_FORCE = 343.0  # N, section 4
 STROKE = 5e-3  # m, Table 3
 VELOCITY = 0.015  # m/s, Table 3
-CURRENTS = (0.0, 0.4, 0.8, 1.2, 1.6)  # A; the paper tests up to 1.6 A
 DESIGN_CURRENT = 1.5  # A
+CURRENTS = (0.0, 0.4, 0.8, 1.2, 1.6)  # A; the paper tests up to 1.6 A
+#: A; as many in every call, so that one program does for all
+COMPUTED = (*CURRENTS, DESIGN_CURRENT)
 
 #: of Spencer's prototype, m and V
 PROTOTYPE_STROKE, PROTOTYPE_VOLTAGE = 25e-3, 2.25
@@ -44,6 +46,10 @@ def sinusoid(amplitude: float, velocity: float) -> tuple[Samples, Samples]:
     return amplitude * np.sin(phase), velocity * np.cos(phase)
 
 
+#: over commands
+_responses = jax.jit(jax.vmap(bouc_wen.response, (None, None, None, 0, None)))
+
+
 def device_loops(parameters: BoucWen, currents: tuple[float, ...]) -> tuple[Samples, Samples, Loops]:
     """Displacement (m), velocity (m/s) and force (N, one row per current) of the MR device over the last period."""
     x, v = sinusoid(STROKE, VELOCITY)
@@ -51,15 +57,14 @@ def device_loops(parameters: BoucWen, currents: tuple[float, ...]) -> tuple[Samp
     dt = 2 * np.pi * STROKE / VELOCITY / period
     volts = jnp.asarray(currents) / DESIGN_CURRENT * PROTOTYPE_VOLTAGE
     commands = jnp.broadcast_to(volts[:, None], (len(currents), len(x)))
-    loops = jax.jit(jax.vmap(bouc_wen.response, (None, None, None, 0, None)))
-    force = np.asarray(loops(parameters, jnp.asarray(x), jnp.asarray(v), commands, dt))
+    force = np.asarray(_responses(parameters, x, v, commands, dt))
     return x[-period - 1 :], v[-period - 1 :], force[:, -period - 1 :]
 
 
 def scaled_device() -> tuple[BoucWen, float]:
     """The prototype without accumulator in the size of the paper's device, and the factor on its forces."""
     small = bouc_wen.scaled(BoucWen(k1=0.0), displacement=STROKE / PROTOTYPE_STROKE)
-    factor = PAPER_FORCE / float(np.max(device_loops(small, (DESIGN_CURRENT,))[2]))
+    factor = PAPER_FORCE / float(np.max(device_loops(small, COMPUTED)[2][-1]))
     return bouc_wen.scaled(small, force=factor), factor
 
 
@@ -67,7 +72,7 @@ def scaled_device() -> tuple[BoucWen, float]:
 def characteristics(context: Context) -> Outcome:
     """Loops of the MR device at several currents, and of the hybrid damper that it pilots."""
     device, factor = scaled_device()
-    x, v, force = device_loops(device, (*CURRENTS, DESIGN_CURRENT))
+    x, v, force = device_loops(device, COMPUTED)
     peaks = force.max(axis=1)
     with figure(columns=2, height=3.9) as (page, axes):
         for current, loop in zip(CURRENTS, force, strict=False):

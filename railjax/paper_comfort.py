@@ -51,8 +51,7 @@ def real_track(spectrum: str) -> RandomTrack:
 
 def over_speed(vehicle: Vehicle, spectrum: str, damper: Damper) -> Comfort:
     """Comfort at `SPEEDS`, all in one batch; arrays (place, speed)."""
-    run = ride(vehicle, jnp.asarray(SPEEDS / KMH), real_track(spectrum), damper)
-    return comfort(run, settle=SETTLE)
+    return comfort(ride(vehicle, jnp.asarray(SPEEDS / KMH), real_track(spectrum), damper), settle=SETTLE)
 
 
 @study("fig-19-comfort", "Fig. 19 in comfort numbers")
@@ -83,7 +82,7 @@ def in_numbers(context: Context) -> Outcome:
     return Outcome(quantities, statements, assumptions=ASSUMED[:1])
 
 
-@study("comfort-over-speed", "Ride comfort on real tracks over speed")
+@study("comfort-over-speed", "Ride comfort on real tracks over speed", beyond=True)
 def on_real_tracks(context: Context) -> Outcome:
     """N_MV of every suspension on ERRI low and high from 80 to 300 km/h."""
     dampers = strategies(context.coach)
@@ -129,11 +128,11 @@ DRAWN = ("passive, Table 1", "passive, soft", "balance logic, ideal", "Bouc-Wen,
 def _lines(vehicle: Vehicle, mean: dict, wz: dict) -> Picture:
     with figure(rows=2, columns=2, height=3.1, share_x=True) as (page, axes):
         for row, (spectrum, label) in enumerate(SPECTRA.items()):
+            linear = _linear(vehicle, spectrum)
             for side, (values, symbol) in enumerate(((mean, "$N_{MV}$, lateral part"), (wz, "Sperling $W_z$"))):
                 here = axes[row, side]
                 for colour, name in zip(COLOURS, DRAWN, strict=False):
                     here.plot(SPEEDS, values[spectrum, name], color=colour, label=name)
-                linear = _linear(vehicle, spectrum)
                 here.plot(SPEEDS, linear[side], color="0.2", linestyle=(0, (4, 2.5)), label="passive, linear theory")
                 here.axvline(PAPER_NONLINEAR, color="0.35", linestyle=":", linewidth=1.0)
                 here.set(ylabel=f"{label}: {symbol}", xlim=(SPEEDS[0], SPEEDS[-1]), ylim=(0.0, None))
@@ -182,7 +181,7 @@ def _map(mean: dict, names: list[str]) -> Picture:
     )
 
 
-@study("frequency-domain", "Frequency domain and statistical linearisation against simulation")
+@study("frequency-domain", "Frequency domain and statistical linearisation against simulation", beyond=True)
 def without_time(context: Context) -> Outcome:
     """Spectrum and r.m.s. of the floor's acceleration by theory and by simulation, passive and with balance logic."""
     coach, spectrum, kmh = context.coach, "erri-high", 200.0

@@ -51,7 +51,7 @@ def lowest(speeds: np.ndarray, heights: np.ndarray) -> float:
     return float(speeds[first]) if first < len(speeds) else np.nan
 
 
-@study("controlled-hunting", "Hunting with the controlled damper")
+@study("controlled-hunting", "Hunting with the controlled damper", beyond=True)
 def controlled_hunting(context: Context) -> Outcome:
     """Amplitude after a minute from a small and a large disturbance, over speed, for the suspensions of figs. 16-19."""
     coach = context.coach

@@ -186,9 +186,11 @@ def damper_design(context: Context) -> Outcome:
     def forces(device: MrDevice, current: jax.Array) -> jax.Array:
         return jax.vmap(lambda i: force_of_current(device, fluid, steel, i))(current)
 
-    found = {name: np.asarray(forces(device, jnp.asarray(currents))) for name, device in curves.items()}
-    calculated = float(forces(as_calculated, jnp.array([design.requirements.current]))[0])
-    tested = float(forces(given.device, jnp.array([TEST_CURRENT]))[0])
+    # all in one shape
+    shown = np.append(currents, (design.requirements.current, TEST_CURRENT))
+    found = {name: np.asarray(forces(device, jnp.asarray(shown)))[: len(currents)] for name, device in curves.items()}
+    calculated = float(forces(as_calculated, jnp.asarray(shown))[-2])
+    tested = float(forces(given.device, jnp.asarray(shown))[-1])
     force = float(given.forces.total_force)
     nearest, nearest_force = readings(design)[0]
     near = sum(abs(f - PAPER_FORCE) < 2.5 for _, f in readings(design))

@@ -34,7 +34,7 @@ def _over_wavelengths(vehicle: Vehicle, damper: Damper, kmh: float, amplitude: f
     return np.asarray(run["rms:carbody_acceleration"])
 
 
-@study("semi-active-band", "Semi-active against passive over wavelength and gain")
+@study("semi-active-band", "Semi-active against passive over wavelength and gain", beyond=True)
 def wavelength_and_gain(context: Context) -> Outcome:
     """Where the semi-active suspension is better, over what the paper does not give."""
     dampers = {rf"balance logic, $\alpha$ = {alpha:g}": BalanceLogic(alpha) for alpha in ALPHAS}
@@ -106,7 +106,7 @@ def speed_gain_map(vehicle: Vehicle, amplitude: float = 5e-3, duration: float = 
     return np.asarray(run["rms:carbody_acceleration"]).reshape(len(SPEEDS), len(GAINS))
 
 
-@study("speed-gain-map", "Balance logic over speed and gain")
+@study("speed-gain-map", "Balance logic over speed and gain", beyond=True)
 def over_speed_and_gain(context: Context) -> Outcome:
     """R.m.s. acceleration of 4096 runs, and the best gain at each speed."""
     rms = speed_gain_map(context.coach)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .critical import Hunting, nonlinear_critical, nonlinear_critical_speed
-from .linear import linear_critical, linear_critical_speed
+from .linear import linear_critical_speed
 from .paper_hunting import PAPER_NONLINEAR
 from .paper_passive import AMPLITUDE, ASSUMED_TRACK, PAPER_LINEAR, WAVELENGTH, periodic_run
 from .plots import COLOURS, figure, legend_above, mark_paper, tornado
@@ -14,13 +14,10 @@ from .study import Context, Outcome, Picture, Statement, study
 from .units import KMH
 from .vehicle import Vehicle, get_parameter, parameters, replace, set_parameter
 
-#: points of a curve; a fold takes some hundred times as long as a crossing of eigenvalues
-LINEAR_POINTS, NONLINEAR_POINTS = 64, 24
-
 
 def one_at_a_time(vehicle: Vehicle, values: dict[str, np.ndarray]) -> Vehicle:
-    """Values (SI) of each parameter alone, the others the vehicle's own: one batch for all, in the order given."""
-    lanes = sum(len(own) for own in values.values())
+    """Values (SI) of each parameter alone, the others the vehicle's own: one batch for all, in the order given, the vehicle itself last."""
+    lanes = sum(len(own) for own in values.values()) + 1
     start = 0
     for path, own in values.items():
         column = np.full(lanes, float(get_parameter(vehicle, path)))
@@ -32,16 +29,17 @@ def one_at_a_time(vehicle: Vehicle, values: dict[str, np.ndarray]) -> Vehicle:
 
 def _apart(values: dict[str, np.ndarray], lanes: np.ndarray) -> dict[str, np.ndarray]:
     """What a batch of `one_at_a_time` gave, by parameter."""
-    return dict(zip(values, np.split(lanes, np.cumsum([len(own) for own in values.values()])[:-1]), strict=True))
+    return dict(zip(values, np.split(lanes[:-1], np.cumsum([len(own) for own in values.values()])[:-1]), strict=True))
 
 
-#: slug, title, label, spacing, and per curve: parameter, label, range (SI); factor to the unit shown
+#: slug, title, label, spacing, points (few where curves are almost straight), and per curve: parameter, label, range (SI); factor to the unit shown
 INFLUENCES = (
     (
         "fig-7",
         "Fig. 7: primary suspension stiffness",
         "stiffness of primary suspension, MN/m",
         np.geomspace,
+        24,
         (
             ("primary.stiffness_x", "$k_{ox}$ longitudinal", (0.25e6, 20e6)),
             ("primary.stiffness_y", "$k_{oy}$ lateral", (0.25e6, 20e6)),
@@ -53,6 +51,7 @@ INFLUENCES = (
         "Fig. 8: primary suspension damping",
         "damping of primary suspension, kN s/m",
         np.linspace,
+        10,
         (
             ("primary.damping_x", r"$\rho_{ox}$ longitudinal", (0.0, 100e3)),
             ("primary.damping_y", r"$\rho_{oy}$ lateral", (0.0, 100e3)),
@@ -64,34 +63,30 @@ INFLUENCES = (
         "Fig. 9: secondary suspension stiffness",
         "lateral stiffness of secondary suspension, kN/m",
         np.linspace,
+        8,
         (("secondary.stiffness_y", "$k_{cy}$ lateral", (20e3, 800e3)),),
         1e-3,
     ),
 )
 
 
-def _values(points: int) -> dict[str, np.ndarray]:
-    return {path: spacing(*ends, points) for *_, spacing, curves, _ in INFLUENCES for path, _, ends in curves}
-
-
 @study("figs-7-9", "Figs. 7-9: influence of the suspension on the critical speeds")
 def suspension_influence(context: Context) -> Outcome:
     """Linear and nonlinear critical speed over k_ox and k_oy, rho_ox and rho_oy, k_cy."""
-    fine, coarse = _values(LINEAR_POINTS), _values(NONLINEAR_POINTS)
-    crossing = _apart(fine, np.asarray(linear_critical(one_at_a_time(context.coach, fine)).speed) * KMH)
-    found = nonlinear_critical(one_at_a_time(context.coach, coarse))
-    fold, codes = _apart(coarse, np.asarray(found.speed) * KMH), _apart(coarse, np.asarray(found.code))
-    own = nonlinear_critical(context.coach)
+    values = {path: spacing(*ends, points) for *_, spacing, points, curves, _ in INFLUENCES for path, _, ends in curves}
+    found = nonlinear_critical(one_at_a_time(context.coach, values))
+    both = [np.where(np.isfinite(v), v, np.nan) for v in (np.asarray(v) * KMH for v in (found.linear.speed, found.speed))]
+    (crossing, fold), codes = (_apart(values, v) for v in both), _apart(values, np.asarray(found.code))
+    own = [v[-1] for v in both]
     pictures, change = [], {}
-    for slug, title, label, _, curves, factor in INFLUENCES:
+    for slug, title, label, *_, curves, factor in INFLUENCES:
         with figure() as (page, axes):
             for k, (path, name, _) in enumerate(curves):
-                linear, nonlinear = (np.where(np.isfinite(v), v, np.nan) for v in (crossing[path], fold[path]))
-                axes[0, 0].plot(fine[path] * factor, linear, "--", color=COLOURS[k], label=f"{name}, linear")
-                axes[0, 0].plot(coarse[path] * factor, nonlinear, "-", color=COLOURS[k], label=f"{name}, nonlinear")
+                for of, style, kind in ((crossing, "--", "linear"), (fold, "-", "nonlinear")):
+                    axes[0, 0].plot(values[path] * factor, of[path], style, color=COLOURS[k], label=f"{name}, {kind}")
                 here = float(get_parameter(context.coach, path)) * factor
-                axes[0, 0].plot([here] * 2, [float(own.linear.speed) * KMH, float(own.speed) * KMH], "o", color=COLOURS[k])
-                change[path] = [(np.nanmin(v), np.nanmax(v)) for v in (linear, nonlinear)]
+                axes[0, 0].plot([here] * 2, own, "o", color=COLOURS[k])
+                change[path] = [(np.nanmin(v), np.nanmax(v)) for v in (crossing[path], fold[path])]
             mark_paper(axes[0, 0], PAPER_LINEAR, f"paper, Table 1: {PAPER_LINEAR} and {PAPER_NONLINEAR} km/h")
             mark_paper(axes[0, 0], PAPER_NONLINEAR, "_")
             axes[0, 0].set(xlabel=label, ylabel="critical speed, km/h")
@@ -160,7 +155,7 @@ def sensitivities(vehicle: Vehicle, share: float = 0.1) -> dict[str, tuple[float
     return {path: (linear[path], nonlinear[path]) for path in linear}
 
 
-@study("sensitivity", "Which parameters decide the critical speeds")
+@study("sensitivity", "Which parameters decide the critical speeds", beyond=True)
 def sensitivity(context: Context) -> Outcome:
     """Exact gradients of both critical speeds with respect to every parameter."""
     changes = sensitivities(context.coach)

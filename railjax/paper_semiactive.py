@@ -192,7 +192,7 @@ def strategies(vehicle: Vehicle) -> dict[str, Damper]:
     }
 
 
-@study("strategies", "Control strategies compared")
+@study("strategies", "Control strategies compared", beyond=True)
 def compared(context: Context) -> Outcome:
     """R.m.s. and peak acceleration, travel and force of every strategy in the cases of figs. 16-18."""
     runs = {name: _runs(context.coach, damper) for name, damper in strategies(context.coach).items()}

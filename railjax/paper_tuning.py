@@ -43,7 +43,7 @@ EIGHT = {
 STEPS = 100
 
 
-@study("gain-over-speed", "Balance logic: the best gain over speed")
+@study("gain-over-speed", "Balance logic: the best gain over speed", beyond=True)
 def gain_over_speed(context: Context) -> Outcome:
     """The best gain at each speed, a schedule and a single gain, by forward-mode gradients of forced runs."""
     found = schedule_gain(
@@ -103,7 +103,7 @@ def trade_off(vehicle: Vehicle, points: int, against: Any = None) -> dict[str, F
     }
 
 
-@study("trade-off", "Comfort against nonlinear critical speed")
+@study("trade-off", "Comfort against nonlinear critical speed", beyond=True)
 def stiffness_and_comfort(context: Context) -> Outcome:
     """Weighted comfort on a random track against the nonlinear critical speed, with and without control."""
     fronts = trade_off(context.coach, POINTS)

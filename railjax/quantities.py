@@ -30,6 +30,7 @@ class Quantity:
     """
 
     mode: ClassVar[str] = "reverse"  # or "forward": through time with few parameters
+    traced: ClassVar[bool] = True  # False: computed on the host, outside of `jax.jit` (`host`)
     unit: ClassVar[str] = "1"  # as printed
     factor: ClassVar[float] = 1.0  # from SI to it
     greatest: ClassVar[bool] = False  # what is better: more of it?

@@ -1,5 +1,7 @@
 """The sections of a vehicle's report on its ride: comfort over speed, and passive against semi-active dampers."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -32,6 +34,9 @@ SEED = 1
 ALPHAS = (0.5, 1.0)
 #: least and most damping of skyhook's valve, of the vehicle's own rho_cy: as the paper's controlled damper to its passive one
 SKYHOOK = (SOFT / 25e3, HARD / 25e3)
+
+
+_felt = jax.jit(functools.partial(weighted_rms, sampling_rate=RATE, name="Wd", settle=SETTLE))
 
 
 def _needs_carbody(subject: Subject) -> None:
@@ -170,7 +175,7 @@ def _ride(
         record=("floor_acceleration",),
         reduce=("peak:secondary_travel",),
     )
-    felt = np.asarray(weighted_rms(run["floor_acceleration"], RATE, "Wd", settle=SETTLE)).max(axis=0)
+    felt = np.asarray(_felt(run["floor_acceleration"])).max(axis=0)
     travel = np.asarray(run["peak:secondary_travel"]).max(axis=0)
     usable = np.asarray(run.ok)
     return np.where(usable, felt, np.nan), np.where(usable, travel, np.nan)

@@ -4,7 +4,9 @@ import base64
 import dataclasses
 import hashlib
 import importlib
+import itertools
 import json
+import sys
 import time
 from collections.abc import Callable, Iterator
 from importlib import resources
@@ -15,23 +17,24 @@ import jax
 
 from . import report
 from .errors import InputError
+from .kernels import forget_compiled, return_memory
 from .precision import require_double_precision
 from .study import STUDIES, Context, Outcome, Study
 from .vehicle_files import load_vehicle
 
-#: modules that define studies, in the paper's order
-MODULES = (
-    "railjax.paper_passive",
-    "railjax.paper_hunting",
-    "railjax.paper_influence",
-    "railjax.paper_damper",
-    "railjax.paper_characteristics",
-    "railjax.paper_semiactive",
-    "railjax.paper_gain",
-    "railjax.paper_controlled_hunting",
-    "railjax.paper_comfort",
-    "railjax.paper_acceptance",
-    "railjax.paper_tuning",
+#: modules that define studies, in the paper's order; what one group has compiled is of no use to the next
+GROUPS = (
+    ("railjax.paper_passive",),
+    ("railjax.paper_hunting", "railjax.paper_influence"),
+    ("railjax.paper_damper", "railjax.paper_characteristics"),
+    (
+        "railjax.paper_semiactive",
+        "railjax.paper_gain",
+        "railjax.paper_controlled_hunting",
+        "railjax.paper_comfort",
+        "railjax.paper_acceptance",
+    ),
+    ("railjax.paper_tuning",),
 )
 
 Progress = Callable[[str, int, int], None]
@@ -39,7 +42,7 @@ Progress = Callable[[str, int, int], None]
 
 def studies() -> list[Study]:
     """All studies, in the order of their definition."""
-    for module in MODULES:
+    for module in itertools.chain(*GROUPS):
         importlib.import_module(module)
     return list(STUDIES)
 
@@ -48,23 +51,24 @@ def reproduce(
     out: str | Path,
     *,
     only: list[str] | None = None,
+    beyond: bool = False,
     fresh: bool = False,
     progress: Progress = lambda *_: None,
 ) -> dict[str, Any]:
     """Run the studies and write OUT/report.html, OUT/figures/*.png and OUT/results.json; returns the latter's content.
 
-    Each finished study is kept in OUT/parts, so that a run which was stopped goes on where it was; parts made by other code or
-    another JAX are made anew (all of them with `fresh`). `only` names the studies to run. `progress(title, done, total)` is
-    called before each study and once at the end. Needs double precision.
+    The paper's own figures, numbers and statements; with `beyond` also what the paper does not have. `only` names the studies to
+    run instead, of either kind. Each finished study is kept in OUT/parts, so that a run which was stopped goes on where it was, and what an
+    earlier run made beyond the paper stays in the report; parts made by other code or another JAX are made anew (all that
+    are run with `fresh`). `progress(title, done, total)` is called before each study and once at the end. Needs double precision.
     """
     require_double_precision("reproduce")
-    chosen = studies()
-    if only:
-        names = [study.name for study in chosen]
-        for name in only:
-            if name not in names:
-                raise InputError(f"no study {name!r}; there are {', '.join(names)}")
-        chosen = [study for study in chosen if study.name in only]
+    listed = studies()
+    names = [study.name for study in listed]
+    for name in only or []:
+        if name not in names:
+            raise InputError(f"no study {name!r}; there are {', '.join(names)}")
+    chosen = [study for study in listed if (study.name in only if only else beyond or not study.beyond)]
     out = Path(out)
     parts, figures = out / "parts", out / "figures"
     try:
@@ -74,7 +78,7 @@ def reproduce(
         raise InputError(f"--out {out}: cannot be made a folder ({error.strerror})") from None
     context = Context(load_vehicle("coach"), load_vehicle("coach-table1"))
     fingerprint = _fingerprint()
-    found = []
+    made = {}
     for index, study in enumerate(chosen):
         progress(study.title, index, len(chosen))
         path = parts / f"{study.name}.json"
@@ -82,20 +86,47 @@ def reproduce(
         if part is None:
             path.unlink(missing_ok=True)  # or a stop here would leave an old part with half of a new figure
             started = time.perf_counter()
-            outcome = study.run(context)
-            part = _write(study, outcome, figures, fingerprint, time.perf_counter() - started)
+            part = _write(study, study.run(context), figures, fingerprint)
+            part |= {"seconds": round(time.perf_counter() - started, 3), "peak_memory_mb": _peak_memory()}
             _replace(path, json.dumps(part, indent=1))
-        found.append(part)
+            last_of_group = index + 1 == len(chosen) or _group(chosen[index + 1]) != _group(study)
+            (forget_compiled if last_of_group else return_memory)()
+        made[study.name] = part
     progress("report", len(chosen), len(chosen))
-    results = report.without_nan(_collect(found))
+    if not only:
+        made |= {
+            study.name: part
+            for study in listed
+            if study.name not in made and (part := _kept(parts / f"{study.name}.json", fingerprint, figures)) is not None
+        }
+    found = [(study, made[study.name]) for study in listed if study.name in made]
+    results = report.without_nan(_collect([part for _, part in found]))
     pictures = [
-        {**picture, "png": base64.b64encode((figures / f"{picture['slug']}.png").read_bytes()).decode()}
-        for part in found
+        {
+            **picture,
+            "png": base64.b64encode((figures / f"{picture['slug']}.png").read_bytes()).decode(),
+            "section": "beyond" if study.beyond else "figures",
+        }
+        for study, part in found
         for picture in part["pictures"]
     ]
     _replace(out / "results.json", json.dumps(results, indent=1) + "\n")
     _replace(out / "report.html", report.render(results, pictures))
     return results
+
+
+def _group(study: Study) -> int:
+    return next((k for k, modules in enumerate(GROUPS) if study.run.__module__ in modules), -1)
+
+
+def _peak_memory() -> float | None:
+    """Largest resident memory of this process so far, MB; None where the system does not say."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    unit = 1 if sys.platform == "darwin" else 1024
+    return float(round(unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6))
 
 
 def _fingerprint() -> str:
@@ -125,13 +156,12 @@ def _kept(path: Path, fingerprint: str, figures: Path) -> dict[str, Any] | None:
     return part if drawn else None
 
 
-def _write(study: Study, outcome: Outcome, figures: Path, fingerprint: str, seconds: float) -> dict[str, Any]:
+def _write(study: Study, outcome: Outcome, figures: Path, fingerprint: str) -> dict[str, Any]:
     for picture in outcome.pictures:
         picture.figure.savefig(figures / f"{picture.slug}.png")
     return {
         "study": study.name,
         "fingerprint": fingerprint,
-        "seconds": round(seconds, 3),
         "quantities": [quantity.to_json() for quantity in outcome.quantities],
         "statements": [dataclasses.asdict(statement) for statement in outcome.statements],
         "pictures": [
@@ -169,4 +199,5 @@ def _collect(parts: list[dict[str, Any]]) -> dict[str, Any]:
         "figures": [picture["slug"] for part in parts for picture in part["pictures"]],
         "assumptions": assumptions,
         "seconds": {part["study"]: part["seconds"] for part in parts},
+        "peak_memory_mb": {part["study"]: part["peak_memory_mb"] for part in parts},
     }

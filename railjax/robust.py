@@ -83,6 +83,10 @@ class Robust(Quantity):
         return self.quantity.mode
 
     @property
+    def traced(self) -> bool:  # type: ignore[override]
+        return self.quantity.traced
+
+    @property
     def unit(self) -> str:  # type: ignore[override]
         return self.quantity.unit
 

@@ -2,14 +2,8 @@
 
 import re
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
-
-from .limit_cycles import Branch, solve
-from .orbits import BY_AMPLITUDE, Model, Point, Problem, Shooting, implicit_speed, plane, row_of
+from .limit_cycles import Branch
+from .shooting import BY_AMPLITUDE, Problem, row_of, solved, speed_slopes
 from .units import KMH
 from .vehicle import Vehicle, get_parameter, parameters
 
@@ -53,21 +47,6 @@ def fold_gradient(branch: Branch) -> Vehicle:
     function, from the orbit that the branch has already found. The branch must have a fold."""
     model, shooting, fold = branch.model, branch.shooting, branch.fold
     assert fold is not None
-    here = jnp.asarray(fold.unknowns)
-    problem = Problem(here, row_of(model, shooting, BY_AMPLITUDE), plane(model, shooting, here)[0])
-    flat, vehicle_of = ravel_pytree(model.vehicle)
-    return vehicle_of(_by_parameters(flat, model, solve(model, shooting, problem), shooting))
-
-
-def _by_parameters(flat: Float[Array, "numbers"], model: Model, point: Point, shooting: Shooting) -> Float[np.ndarray, "numbers"]:
-    """Forward mode, one lane per number: half as long to compile as reverse mode through the steps."""
-    _, vehicle_of = ravel_pytree(model.vehicle)
-
-    @jax.jit
-    def gradient(flat: Float[Array, "numbers"], model: Model, point: Point) -> Float[Array, "numbers"]:
-        def speed(flat: Float[Array, "numbers"]) -> Float[Array, ""]:
-            return implicit_speed(Model(vehicle_of(flat), model.damper), shooting, point)
-
-        return jax.jacfwd(speed)(flat)
-
-    return np.asarray(gradient(flat, model, point))
+    row = row_of(model, shooting, BY_AMPLITUDE)
+    point = solved(model, shooting, Problem(fold.unknowns, row, float(row @ fold.unknowns)))
+    return speed_slopes(model, shooting, point).vehicle

@@ -70,9 +70,10 @@ def artanhc(square: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def beyond(law: str, x: Float[Array, "..."], half_width: Scalar, width: Scalar) -> Float[Array, "..."]:
-    """The dead band by a vehicle's law: "sharp", its "smooth" twin of `width`, or "linear", which never leaves the band."""
+    """The dead band by a vehicle's law: "sharp", its "smooth" twin of `width`, or "linear", whose slope is that of rest: 0, or 1
+    where the band is negative, which is beyond its corners already."""
     if law == "linear":
-        return jnp.zeros_like(x)
+        return jnp.where(jnp.asarray(half_width) < 0.0, x, jnp.zeros_like(x))
     if law == "smooth":
         return smooth_dead_band(x, half_width, width)
     return dead_band(x, half_width)

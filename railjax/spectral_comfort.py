@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -32,16 +33,31 @@ def spectral_comfort(response: FrequencyResponse, channel: str = "floor_accelera
     """
     if channel not in response.transfer:
         raise InputError(f"the response lacks {channel!r}: frequency_response(..., record=[{channel!r}])")
-    rms = response.rms(channel, "Wd")
-    spread = jnp.sum(response.shares(channel, "Wd") * response.spectrum(channel, "Wd"), axis=0) / BLOCK
+    return _judged(
+        response.rms(channel, "Wd"),
+        response.shares(channel, "Wd"),
+        response.spectrum(channel, "Wd"),
+        response.shares(channel, "sperling-lateral"),
+        response.frequency,
+    )
+
+
+@jax.jit
+def _judged(
+    rms: Float[Array, "..."],
+    shares: Float[Array, "waves ..."],
+    spectrum: Float[Array, "waves ..."],
+    of_sperling: Float[Array, "waves ..."],
+    frequency: Float[Array, "waves ..."],
+) -> SpectralComfort:
+    spread = jnp.sum(shares * spectrum, axis=0) / BLOCK
     square = rms**2
     # 2/(9 nu), nu = 2 m^2/variance degrees of freedom
     narrow = spread / (9.0 * square**2)
     percentile = square * (1.0 - narrow + NORMAL_95 * jnp.sqrt(narrow)) ** 3
     low, high = SPERLING_BAND
-    within = (response.frequency >= low) & (response.frequency < high)
-    shares = response.shares(channel, "sperling-lateral")
-    within = within.reshape((len(within),) + (1,) * (shares.ndim - within.ndim) + within.shape[1:])
+    within = (frequency >= low) & (frequency < high)
+    within = within.reshape((len(within),) + (1,) * (of_sperling.ndim - within.ndim) + within.shape[1:])
     # amplitudes in cm/s^2: their squares add up to twice the mean square
-    total = 2e4 * jnp.sum(shares * within, axis=0)
+    total = 2e4 * jnp.sum(of_sperling * within, axis=0)
     return SpectralComfort(rms, mean_comfort([sqrt_of_square(percentile)]), total ** (1.0 / 6.67))

@@ -29,7 +29,7 @@ from .simulate import check_speed
 from .spectra import LONGEST, SHORTEST
 from .typing import Number, Scalar
 from .units import KMH
-from .vehicle import Vehicle, without_labels
+from .vehicle import Vehicle, as_numbers, bare
 
 #: of the fixed point: most iterations; share of the new gains that is taken over
 ITERATIONS, SHARE = 60, 0.7
@@ -110,7 +110,7 @@ def statistical_linearisation(
         )
     record = tuple(check_channel(name) for name in record)
     waves = waves_of(track, shortest, longest, points)
-    frequency, transfer, growth, gains, change = _solved(without_labels(vehicle), speed, damper, waves, record)
+    frequency, transfer, growth, gains, change = _solved(*bare(vehicle, damper), as_numbers(speed), waves, record)
     if not isinstance(change, jax.core.Tracer) and not float(change) < CONVERGED:
         why = (
             "the equivalent vehicle is unstable" if not float(growth) < 0.0 else f"the gains still change by {float(change):.1g}"
@@ -127,7 +127,7 @@ def memoryless(damper: Damper) -> bool:
 
 
 @functools.partial(jax.jit, static_argnames="record")
-def _solved(vehicle: Vehicle, speed: Scalar, damper: Damper, waves: Excitation, record: tuple[str, ...]):
+def _solved(vehicle: Vehicle, damper: Damper, speed: Scalar, waves: Excitation, record: tuple[str, ...]):
     given = vehicle, speed, damper, waves
     fixed = jax.lax.stop_gradient(given)
 

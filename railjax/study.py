@@ -1,6 +1,7 @@
 """What a study of the paper hands in: quantities, statements and figures; and the list of all studies.
 
-To add one, write a function in a module that `reproduce.MODULES` names:
+To add one, write a function in a module that `reproduce.GROUPS` names, with `beyond=True` where the paper has no such figure,
+number or statement:
 
     @study("fig-5", "Fig. 5: axle displacement at the stability limit")
     def axle_displacement(context: Context) -> Outcome:
@@ -91,21 +92,24 @@ class Context:
 
 @dataclass(frozen=True)
 class Study:
-    """A study by name; `run` does the work."""
+    """A study by name; `run` does the work. What goes `beyond` the paper is made only where it is asked for."""
 
     name: str
     title: str
     run: Callable[[Context], Outcome]
+    beyond: bool = False
 
 
 STUDIES: list[Study] = []
 
 
-def study(name: str, title: str) -> Callable[[Callable[[Context], Outcome]], Callable[[Context], Outcome]]:
+def study(
+    name: str, title: str, *, beyond: bool = False
+) -> Callable[[Callable[[Context], Outcome]], Callable[[Context], Outcome]]:
     """Register a function as a study; they run in the order of their definition."""
 
     def register(function: Callable[[Context], Outcome]) -> Callable[[Context], Outcome]:
-        STUDIES.append(Study(name, title, function))
+        STUDIES.append(Study(name, title, function, beyond))
         return function
 
     return register

@@ -67,6 +67,7 @@ def block_rms(weighted: History, sampling_rate: float | int) -> Float[Array, "bl
     return sqrt_of_square(jnp.mean(weighted[: blocks * samples].reshape(blocks, samples, *weighted.shape[1:]) ** 2, axis=1))
 
 
+@jax.jit
 def mean_comfort(percentiles: list[Float[Array, "*lanes"]]) -> Float[Array, "*lanes"]:
     """N_MV = 6 sqrt(sum of squares) of the 95th percentiles (m/s^2) of the directions' 5 s values (EN 12299, floor)."""
     return 6.0 * sqrt_of_square(sum(value**2 for value in percentiles))

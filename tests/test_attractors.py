@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax import attractors, orbits
+from railjax import attractors, fold_search, orbits, shooting
 from railjax.continuation import hunting_mode
 from railjax.critical import Hunting
 from railjax.linear import linear_critical
-from railjax.vehicle import without_labels
 
 #: a stiff, softly sprung coach with yaw dampers that the first search took for supercritical: its Hopf point is another mode's
 STIFF = {
@@ -33,19 +32,18 @@ def stiff(coach):
 
 @pytest.fixture(scope="module")
 def model(coach):
-    return orbits.Model(without_labels(orbits.rounded(coach)), railjax.motion.PASSIVE)
+    return orbits.model_of(coach, railjax.motion.PASSIVE)
 
 
 def test_starts_of_two_bogies(model, coach):
     """In phase, opposite, and each by itself, with the motion of the one that moves most."""
-    states = orbits.state_size(*model)
     rng = np.random.default_rng(1)
-    state = jnp.asarray(rng.normal(size=states))
-    starts = np.asarray(attractors.patterns(model, state, 9e-3))
-    assert starts.shape == (4, states)
-    at = orbits.displacements(model)
-    moved = np.abs(np.asarray(state)[at]).reshape(2, 2).max(axis=1)
-    scaled = np.asarray(state)[at].reshape(2, 2)[np.argmax(moved)] * 9e-3 / moved.max()
+    state = rng.normal(size=model.states)
+    starts = attractors.patterns(model, state, 9e-3)
+    assert starts.shape == (4, model.states)
+    at = model.displacements
+    moved = np.abs(state[at]).reshape(2, 2).max(axis=1)
+    scaled = state[at].reshape(2, 2)[np.argmax(moved)] * 9e-3 / moved.max()
     for start, signs in zip(starts, ([1, 1], [1, -1], [1, 0], [0, 1]), strict=True):
         np.testing.assert_allclose(start[at].reshape(2, 2), np.outer(signs, scaled), rtol=1e-12)
         np.testing.assert_allclose(start[:3], state[:3])  # the car body's
@@ -53,42 +51,60 @@ def test_starts_of_two_bogies(model, coach):
     assert names[:3] == ["carbody_y", "carbody_psi", "carbody_phi"]
 
 
-@pytest.mark.parametrize("period", [37.3, 80.0, 151.9])
+@pytest.mark.parametrize("period", [18.7, 40.0, 75.9])
 def test_a_swing_of_unknown_period(period):
-    """Between half and twice the samples expected of a period (80), off the grid of samples."""
-    at = np.arange(320)
-    weights, length, swings = attractors._one_swing(jnp.asarray(3e-3 * np.cos(2.0 * np.pi * (at - 11.4) / period)))
-    assert bool(swings)
-    assert float(length) == pytest.approx(period, abs=0.02)
-    instant = float(weights @ at)
-    assert np.cos(2.0 * np.pi * (instant - 11.4) / period) == pytest.approx(1.0, abs=1e-4)
+    """Between half and twice the samples expected of a period (40), off the grid of samples."""
+    at = np.arange(160)
+    turns, length = attractors._turns(3e-3 * np.cos(2.0 * np.pi * (at - 11.4) / period))
+    assert length == pytest.approx(period, abs=0.02)
+    away = (np.array(turns) - 11.4) / (0.5 * period)
+    # the first and the last may be an end of the record
+    assert np.all(np.abs(away - np.round(away))[1:-1] * 0.5 * period < 0.51)
+    assert np.all(np.diff(np.round(away)) == 1)
 
 
 def test_what_stands_still_does_not_swing():
-    for y in (np.zeros(320), np.full(320, 1e-3), np.linspace(1.0, -1.0, 320)):
-        assert not bool(attractors._one_swing(jnp.asarray(y))[2])
+    for y in (np.zeros(160), np.full(160, 1e-3), np.linspace(1.0, -1.0, 160), np.full(160, np.nan)):
+        assert not attractors._turns(y)[0]
 
 
 def test_bogies_drawn_to_limit_cycles_and_to_rest(model, coach):
-    """Above the fold from four starts into limit cycles as Newton finds them; far below it to rest; on the same steps."""
-    shooting = orbits.Shooting(200, 2)
-    hopf = linear_critical(coach)
-    shape, omega = hunting_mode(model, shooting, hopf.speed)
-    starts = attractors.patterns(model, shape, 9e-3)
-    speeds = jnp.repeat(jnp.asarray([200.0, 242.0]) / 3.6, 4)
-    end = attractors.drawn(model, shooting, jnp.tile(starts, (2, 1)), 2.0 * jnp.pi / omega, speeds, 1e-3)
-    assert np.all(np.asarray(end.displacements)[:4] < 1e-3)
-    assert np.all(np.asarray(end.displacements)[4:] > 9e-3)
-    row = orbits.row_of(model, shooting, orbits.BY_SPEED)
-    for k in range(4, 8):
-        assert bool(end.swings[k])
-        point = orbits.solved(model, shooting, orbits.Problem(end.guesses[k], row, speeds[k] / orbits.SPEED))
-        assert bool(point.usable)
-        assert float(point.unknowns[-2]) == pytest.approx(float(end.guesses[k][-2]), rel=2e-3)
+    """Above the fold from four starts into limit cycles as Newton finds them; far below it to rest; more starts than a chunk has lanes."""
+    shot = orbits.Shooting(200, 2)
+    shape, omega = hunting_mode(model, shot, float(linear_critical(coach).speed))
+    patterns, period = attractors.patterns(model, shape, 9e-3), 2.0 * np.pi / omega
+    speeds = np.repeat([200.0, 242.0], 20) / 3.6
+    starts = [
+        attractors.Start(model, state, period, speed, 30, 1e-3)
+        for state, speed in zip(np.tile(patterns, (10, 1)), speeds, strict=True)
+    ]
+    ends = attractors.drawn(shot, starts)
+    assert all(end.displacement < 1e-3 for end in ends[:20])
+    assert all(end.displacement > 9e-3 for end in ends[20:])
+    for k in range(20, 24):
+        assert ends[k].swings
+        assert ends[k].displacement == ends[k + 4].displacement  # whatever runs beside it
+        point = shooting.solved(model, shot, shooting.at_speed(model, shot, ends[k].guess, speeds[k]))
+        assert point.usable
+        assert point.unknowns[-2] == pytest.approx(ends[k].guess[-2], rel=2e-3)
         # the phase between the bogies, which barely feel each other, is still on its way
-        orbit = orbits.history(model, shooting, orbits.unpack(model, shooting, point.unknowns))
-        peak = float(jnp.max(jnp.abs(orbit[:, orbits.displacements(model)])))
-        assert peak == pytest.approx(float(end.displacements[k]), rel=0.02)
+        assert np.max(point.peaks) == pytest.approx(ends[k].displacement, rel=0.02)
+
+
+def test_batches_of_neighbours_take_their_folds_from_one_another(coach, monkeypatch):
+    """By Newton's method from a neighbour's fold and searched from nothing: the same answers."""
+    scale = jnp.array([0.9, 1.0, 1.05, 1.2])
+    variants = railjax.replace(coach, primary__stiffness_x=coach.primary.stiffness_x * scale)
+    taken = []
+    take_from = fold_search.FoldSearch.take_from
+    monkeypatch.setattr(fold_search.FoldSearch, "take_from", lambda *pair: taken.append(take_from(*pair)) or taken[-1])
+    together = railjax.nonlinear_critical(variants, steps=200)
+    assert taken == [True, True, True]
+    monkeypatch.setattr(fold_search.FoldSearch, "take_from", lambda *_: False)
+    apart = railjax.nonlinear_critical(variants, steps=200)
+    assert np.all(np.asarray(together.code) == Hunting.OK)
+    np.testing.assert_allclose(together.speed, apart.speed, rtol=1e-9)
+    np.testing.assert_allclose(together.amplitude, apart.amplitude, rtol=1e-5)
 
 
 def test_the_lowest_fold_where_the_hopf_point_is_another_mode_s(stiff):
@@ -106,9 +122,9 @@ def test_that_fold_by_simulation(stiff):
     fold = float(railjax.nonlinear_critical_speed(stiff))
     assert fold * 3.6 == pytest.approx(335.81, abs=0.02)
     rng = np.random.default_rng(3)
-    starts = np.zeros((orbits.state_size(stiff, railjax.motion.PASSIVE), 8))
-    model = orbits.Model(without_labels(stiff), railjax.motion.PASSIVE)
-    starts[orbits.displacements(model)] = 11e-3 * np.sign(rng.normal(size=(4, 8))) * rng.uniform(0.7, 1.3, (4, 8))
+    model = orbits.model_of(stiff, railjax.motion.PASSIVE)
+    starts = np.zeros((model.states, 8))
+    starts[model.displacements] = 11e-3 * np.sign(rng.normal(size=(4, 8))) * rng.uniform(0.7, 1.3, (4, 8))
     ends = []
     for factor in (0.99, 1.01):
         run = railjax.simulate(

@@ -174,18 +174,38 @@ def test_no_nonlinear_critical_speed_is_said():
         railjax.nonlinear_critical(wheelset, wheelset=1)
 
 
-def test_jit_and_vmap():
+def test_vmap_and_lanes_within_it():
+    """`vmap` gathers its lanes into one batch, also around a vehicle that has lanes already; and derivatives by lanes."""
     wheelset = load("single-wheelset")
 
-    def speed(friction):
-        return railjax.nonlinear_critical_speed(railjax.replace(wheelset, contact__friction=friction), steps=200)
+    def speed(friction, mass=wheelset.wheelset.mass):
+        return railjax.nonlinear_critical_speed(
+            railjax.replace(wheelset, contact__friction=friction, wheelset__mass=mass), steps=200
+        )
 
+    frictions, masses = jnp.array([0.3, 0.1]), wheelset.wheelset.mass * jnp.array([1.0, 1.1])
     alone = float(railjax.nonlinear_critical_speed(wheelset, steps=200))
-    assert float(jax.jit(speed)(0.3)) == pytest.approx(alone, rel=1e-9)
-    many = jax.vmap(speed)(jnp.array([0.3, 0.1]))
+    many = jax.vmap(speed)(frictions)
     assert many.shape == (2,)
     assert float(many[0]) == pytest.approx(alone, rel=1e-9)
     assert float(many[1]) < alone
+    both = jax.vmap(lambda friction: speed(friction, masses))(frictions)
+    assert both.shape == (2, 2)
+    np.testing.assert_allclose(both[:, 0], many, rtol=1e-9)
+    assert float(both[1, 1]) == pytest.approx(float(speed(0.1, float(masses[1]))), rel=1e-9)
+    slopes = jax.vmap(jax.grad(speed))(frictions)
+    numeric = (speed(frictions + 1e-5) - speed(frictions - 1e-5)) / 2e-5
+    np.testing.assert_allclose(slopes, numeric, rtol=1e-4)
+    summed = jax.grad(lambda frictions: jnp.sum(speed(frictions)))(frictions)
+    np.testing.assert_allclose(summed, slopes, rtol=1e-8)
+
+
+def test_inside_of_jit_it_says_what_to_call_instead():
+    wheelset = load("single-wheelset")
+    with pytest.raises(railjax.InputError, match=r"call it outside of jax\.jit.*jax\.grad"):
+        jax.jit(lambda mass: railjax.nonlinear_critical_speed(railjax.replace(wheelset, wheelset__mass=mass)))(1000.0)
+    with pytest.raises(NotImplementedError, match="second derivatives"):
+        jax.grad(jax.grad(lambda mass: railjax.nonlinear_critical_speed(railjax.replace(wheelset, wheelset__mass=mass))))(1000.0)
 
 
 def test_smooth_twin_lies_near_the_sharp_law():

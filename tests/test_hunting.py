@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax import orbits
+from railjax import orbits, shooting
 from railjax.cli import status
+from railjax.floquet import multipliers_of
 from railjax.limit_cycles import Branch
 from railjax.orbits import Model, Orbit, Shooting
 from railjax.units import KMH
-from railjax.vehicle import without_labels
 
 
 @pytest.fixture(scope="module")
@@ -141,34 +141,30 @@ def test_amplitude_grows_in_proportion_to_the_speed_difference_at_the_hopf_point
 
 def test_half_and_whole_period_agree(bogie, bogie_branch):
     cycle = bogie_branch.at(70.0)
-    model = Model(without_labels(orbits.rounded(bogie)), railjax.PassiveDamper())
+    model = orbits.model_of(bogie, railjax.PassiveDamper())
     whole = Shooting(2 * bogie_branch.shooting.steps, 0, symmetric=False)
-    orbit = Orbit(jnp.asarray(cycle.state), 1.0 / cycle.frequency, jnp.asarray(70.0))
-    guess = orbits.pack(model, whole, orbit)
-    problem = orbits.Problem(guess, orbits.row_of(model, whole, orbits.BY_SPEED), jnp.asarray(70.0 / orbits.SPEED))
-    point = jax.jit(orbits.solved, static_argnums=1)(model, whole, problem)
-    assert bool(point.usable)
-    assert float(point.amplitude) == pytest.approx(cycle.amplitude, rel=1e-7)
-    squares = orbits.multipliers_of(whole, np.asarray(point.monodromy)).multipliers
+    guess = orbits.pack(model, whole, Orbit(cycle.state, 1.0 / cycle.frequency, 70.0))
+    point = shooting.solved(model, whole, shooting.at_speed(model, whole, guess, 70.0))
+    assert point.usable
+    assert point.amplitude == pytest.approx(cycle.amplitude, rel=1e-7)
+    squares = multipliers_of(whole, point.monodromy).multipliers
     np.testing.assert_allclose(np.abs(squares[1:6]), np.abs(cycle.floquet.multipliers[1:6]), atol=2e-3)
 
 
 def test_monodromy_against_finite_differences(bogie, bogie_branch):
     """Columns of the half period's derivative, by differences of the flow from the orbit of the unstable branch."""
     cycle = bogie_branch.at(66.9, stable=False)
-    model = Model(without_labels(orbits.rounded(bogie)), railjax.PassiveDamper())
-    shooting = bogie_branch.shooting
-    scale = orbits.scales(model)
+    model = orbits.model_of(bogie, railjax.PassiveDamper())
+    scale = model.scales
 
     @jax.jit
     def arrive(scaled):
-        return orbits.section(
-            model, shooting, Orbit(scaled * scale, jnp.asarray(1.0 / cycle.frequency), jnp.asarray(cycle.speed))
-        )
+        orbit = Orbit(scaled * scale, jnp.asarray(1.0 / cycle.frequency), jnp.asarray(cycle.speed))
+        return orbits.section(model, bogie_branch.shooting, orbit)
 
     start, step = cycle.state / scale, 1e-6
     numeric = np.array([(arrive(start + step * e) - arrive(start - step * e)) / (2 * step) for e in np.eye(len(start))]).T
-    half = orbits.multipliers_of(shooting, numeric)
+    half = multipliers_of(bogie_branch.shooting, numeric)
     np.testing.assert_allclose(half.multipliers[:4], cycle.floquet.multipliers[:4], atol=1e-5)
 
 
@@ -233,7 +229,7 @@ def test_states_without_a_side_are_not_mirrored(bogie):
         internal_states = 2
         even_states = (1,)
 
-    signs = orbits.mirror(Model(bogie, WithCommand()))
+    signs = Model(bogie, WithCommand()).mirror
     assert list(signs[14:]) == [-1.0, 1.0]
 
 

@@ -9,6 +9,7 @@ import scipy.optimize
 import scipy.special
 
 import railjax
+from railjax import kalker
 
 YOUNG, POISSON = 2.1e11, 0.27
 
@@ -28,6 +29,24 @@ YOUNG, POISSON = 2.1e11, 0.27
 def test_entries_of_the_table(ratio, poisson, c11, c22, c23):
     c = railjax.kalker_coefficients(ratio, poisson)
     np.testing.assert_allclose([c.c11, c.c22, c.c23], [c11, c22, c23], rtol=1e-12)
+
+
+def test_no_entry_stands_out_from_its_neighbours():
+    """A slip of the pen: each row but the ends against the cubic through the four nearest, in logarithms; all four are within 1 %."""
+    at = np.log(kalker._RATIOS)
+    for table in (kalker._C11, kalker._C22, kalker._C23, kalker._C33):
+        logs = np.log(table)
+        for row in range(1, len(at) - 1):
+            others = [k for k in range(max(0, row - 2), min(len(at), row + 3)) if k != row]
+            cubic = np.polyfit(at[others], logs[others], len(others) - 1)
+            smooth = [np.polyval(column, at[row]) for column in cubic.T]
+            np.testing.assert_allclose(logs[row], smooth, rtol=0.0, atol=0.01)
+
+
+def test_between_the_rows_it_is_linear_in_logarithms():
+    for low, high, nu in ((0.3, 0.4, 0.25), (1.0, 1 / 0.9, 0.0), (5.0, 10.0, 0.5)):
+        middle, *ends = (np.array(railjax.kalker_coefficients(ratio, nu)) for ratio in (np.sqrt(low * high), low, high))
+        np.testing.assert_allclose(middle, np.sqrt(ends[0] * ends[1]), rtol=1e-12)
 
 
 def test_table_is_monotonic_and_flat_outside():

@@ -121,6 +121,11 @@ def test_optional_elements_act_as_stated(coach):
     # anti-roll bar: its stiffness once per bogie
     assert change["secondary.anti_roll_stiffness"][2][2, 2] == pytest.approx(2e6)
     assert change["secondary.anti_roll_stiffness"][2][2, 7] == pytest.approx(-1e6)
+    # wherever the springs stand
+    wide = railjax.replace(coach, geometry__half_secondary=1.2)
+    barred = railjax.replace(wide, secondary__anti_roll_stiffness=1e6)
+    stiffer = np.asarray(railjax.matrices(barred, 60.0).stiffness - railjax.matrices(wide, 60.0).stiffness)
+    assert stiffer[2, 2] == pytest.approx(2e6)
     assert change["primary.damping_x"][1][13, 13] == pytest.approx(2e4)
     assert change["primary.damping_y"][1][9, 9] == pytest.approx(2e4)
     assert change["primary.damping_y"][1][9, 5] == pytest.approx(-2e4 * 1.28)
@@ -210,6 +215,9 @@ def test_held_bodies_leave_their_coordinates_out(coach):
 def test_six_axle_vehicle(coach):
     loco = railjax.replace(coach, geometry__axle_pattern=(1.0, 0.0, -1.0))
     assert railjax.state_matrix(loco, 50.0).shape == (2 * 21, 2 * 21)
+    # the third axle's springs hold the bogie's roll as well: 2 k_oz d_o^2, and 2 k_oy h_ob^2 of their lateral ones
+    more = float(railjax.matrices(loco, 50.0).stiffness[7, 7] - railjax.matrices(coach, 50.0).stiffness[7, 7])
+    assert more == pytest.approx(2 * 904e3 + 2 * coach.primary.stiffness_y * 0.01**2)
     run = railjax.simulate(loco, 40.0, track=railjax.SinusoidTrack(2e-3, 20.0), duration=0.5)
     assert run["wheelset_y"].shape == (50, 6)
     assert bool(run.ok)

@@ -12,8 +12,9 @@ import scipy.integrate
 import railjax
 from railjax.bouc_wen import BoucWen
 from railjax.dampers import Seen
-from railjax.integrate import STABLE_RADIUS, Inputs, largest_step, rk4
 from railjax.mr_dampers import COACH_BOUC_WEN, COACH_FORCE
+from railjax.rk4 import rk4
+from railjax.step_bound import STABLE_RADIUS, largest_step
 
 DAMPER = railjax.BoucWenDamper()
 COACH = railjax.load_vehicle("coach")
@@ -27,15 +28,14 @@ def driven(damper, motion, duration, steps):
     def at(t):
         return jax.jvp(motion, (t,), (1.0,))
 
-    def rate(now, internal):
-        travel, velocity = at(now.alignment)
-        return damper.force(COACH, travel, velocity, internal)[1]
-
     def step(internal, index):
-        start, mid, end = (Inputs((index + part) * dt, None) for part in (0.0, 0.5, 1.0))
-        internal = damper.held(COACH, *at(start.alignment), internal, SEEN)
-        force, first = damper.force(COACH, *at(start.alignment), internal)
-        return rk4(rate, internal, first, dt, mid, end), force
+        start = at(index * dt)
+        internal = damper.held(COACH, *start, internal, SEEN)
+
+        def stage(k, internal, sums):
+            return damper.force(COACH, *at((index + (0.0, 0.5, 0.5, 1.0)[k]) * dt), internal)[1], sums
+
+        return rk4(stage, internal, None, dt)[0], damper.force(COACH, *start, internal)[0]
 
     internal = jnp.zeros(damper.internal_states)
     return np.asarray(jax.jit(lambda: jax.lax.scan(step, internal, jnp.arange(steps * 1.0))[1])())

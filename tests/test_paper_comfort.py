@@ -11,12 +11,12 @@ from railjax.study import Context
 
 @pytest.fixture
 def small(coach, literal, monkeypatch):
-    """Three speeds, two suspensions, two minutes."""
+    """Three speeds, two suspensions, just long enough for N_MV."""
     dampers = {"passive, Table 1": PassiveDamper(), "balance logic, ideal": BalanceLogic(1.0)}
     for module in (paper_comfort, paper_acceptance):
         monkeypatch.setattr(module, "SPEEDS", np.array([160.0, 220.0, 280.0]))
         monkeypatch.setattr(module, "SPECTRA", {"erri-high": "ERRI high"})
-        monkeypatch.setattr(module, "DURATION", 130.0)
+        monkeypatch.setattr(module, "DURATION", 112.0)
     monkeypatch.setattr(paper_comfort, "strategies", lambda vehicle: dampers)
     monkeypatch.setattr(paper_comfort, "DRAWN", tuple(dampers))
     monkeypatch.setattr(paper_acceptance, "paper_dampers", lambda: {"passive": PassiveDamper()})

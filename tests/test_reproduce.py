@@ -17,11 +17,19 @@ from railjax.study import Outcome, Picture, Quantity, Statement, Study
 PNG = b"\x89PNG"
 
 
+@pytest.fixture(autouse=True)
+def _remembers(monkeypatch):
+    """Other tests use what is compiled."""
+    for name in ("forget_compiled", "return_memory"):
+        monkeypatch.setattr(frame, name, lambda: None)
+
+
 class Fake:
     """A study that counts its runs and can be told to fail."""
 
-    def __init__(self, name, fitted=False, computed=2.0):
+    def __init__(self, name, fitted=False, computed=2.0, beyond=False):
         self.name, self.fitted, self.computed, self.runs, self.fails = name, fitted, computed, 0, False
+        self.beyond = beyond
 
     def __call__(self, context):
         assert context.coach.name == "coach"
@@ -41,9 +49,13 @@ class Fake:
 
 @pytest.fixture
 def fakes(monkeypatch):
-    pair = [Fake("first"), Fake("second", fitted=True)]
-    monkeypatch.setattr(frame, "studies", lambda: [Study(fake.name, fake.name.title(), fake) for fake in pair])
-    return pair
+    return known(monkeypatch, Fake("first"), Fake("second", fitted=True))
+
+
+def known(monkeypatch, *fakes):
+    """Makes these the only studies there are."""
+    monkeypatch.setattr(frame, "studies", lambda: [Study(fake.name, fake.name.title(), fake, fake.beyond) for fake in fakes])
+    return list(fakes)
 
 
 def runs(fakes):
@@ -89,6 +101,49 @@ def test_only_runs_what_is_named(fakes, tmp_path):
     assert results["figures"] == ["second"]
     frame.reproduce(tmp_path)
     assert runs(fakes) == [1, 1]
+
+
+def test_what_goes_beyond_the_paper_is_made_when_asked_for_and_kept(monkeypatch, tmp_path):
+    fakes = known(monkeypatch, Fake("first"), Fake("further", beyond=True), Fake("last"))
+    seen = []
+    results = frame.reproduce(tmp_path, progress=lambda *step: seen.append(step))
+    assert runs(fakes) == [1, 0, 1]
+    assert results["figures"] == ["first", "last"]
+    assert seen == [("First", 0, 2), ("Last", 1, 2), ("report", 2, 2)]
+    assert 'id="beyond"' not in (tmp_path / "report.html").read_text(encoding="utf-8")
+    results = frame.reproduce(tmp_path, beyond=True)
+    assert runs(fakes) == [1, 1, 1]
+    assert results["figures"] == list(results["seconds"]) == ["first", "further", "last"]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.index('id="last"') < page.index('id="beyond"') < page.index('id="further"')
+    # it stays in the report as long as it is of this code
+    assert frame.reproduce(tmp_path) == results
+    assert frame.reproduce(tmp_path, fresh=True)["figures"] == results["figures"]
+    assert runs(fakes) == [2, 1, 2]
+    (tmp_path / "figures" / "further.png").unlink()
+    assert frame.reproduce(tmp_path)["figures"] == ["first", "last"]
+    assert frame.reproduce(tmp_path, only=["further"])["figures"] == ["further"]
+    assert runs(fakes) == [2, 2, 2]
+
+
+def test_says_what_each_study_took(fakes, tmp_path):
+    results = frame.reproduce(tmp_path)
+    assert list(results["seconds"]) == list(results["peak_memory_mb"]) == ["first", "second"]
+    assert all(0.0 < seconds < 60.0 for seconds in results["seconds"].values())
+    assert all(100.0 < memory < 1e5 for memory in results["peak_memory_mb"].values())
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f'<td>second</td><td class="number">{results["seconds"]["second"]:.1f}</td>' in page
+
+
+def test_programs_of_one_group_are_forgotten_before_the_next(monkeypatch, tmp_path):
+    fakes = known(monkeypatch, *(Fake(name) for name in ("a", "b", "c", "d")))
+    done = []
+    for fake, module in zip(fakes, ("one", "two", "three", "three"), strict=True):
+        fake.__module__ = module
+    monkeypatch.setattr(frame, "GROUPS", (("one", "two"), ("three",)))
+    monkeypatch.setattr(frame, "forget_compiled", lambda: done.append([fake.name for fake in fakes if fake.runs]))
+    frame.reproduce(tmp_path)
+    assert done == [["a", "b"], ["a", "b", "c", "d"]]
 
 
 def test_unknown_study_is_refused_in_one_line(fakes, tmp_path):
@@ -206,4 +261,14 @@ def test_the_linear_critical_speed_of_the_paper(tmp_path):
 def test_studies_have_names_of_their_own():
     names = [study.name for study in frame.studies()]
     assert len(names) == len(set(names))
-    assert "linear-critical-speed" in names
+    assert [study.name for study in frame.studies() if not study.beyond] == [
+        "linear-critical-speed",
+        "figs-2-4",
+        "figs-5-6",
+        "figs-7-9",
+        "fig-10",
+        "damper-design",
+        "figs-13-14",
+        "figs-16-19",
+        "fig-19-comfort",
+    ]

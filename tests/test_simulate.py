@@ -1,5 +1,7 @@
 """`simulate`: batches equal single runs, channels, reductions, tracks, profiles, result codes, output."""
 
+import contextlib
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -149,12 +151,17 @@ def test_channels_are_consistent(coach):
 
 def test_reductions_are_sums_over_every_step(coach):
     kinds = ["rms:carbody_acceleration", "mean:carbody_acceleration", "peak:carbody_acceleration"]
-    result = run(coach, sample=1e-3, record=["carbody_acceleration"], reduce=kinds, settle=0.2)
+    record = ["carbody_acceleration", "secondary_velocity"]
+    result = run(coach, sample=1e-3, record=record, reduce=[*kinds, "peak:secondary_velocity"], settle=0.2)
     values = np.asarray(result["carbody_acceleration"])[200:]
     rms, mean, peak = (float(result[kind]) for kind in kinds)
     assert rms == pytest.approx(np.sqrt(np.mean(values**2)), rel=1e-12)
     assert mean == pytest.approx(values.mean(), rel=1e-9)
     assert peak == pytest.approx(np.abs(values).max(), rel=1e-12)
+    # to either side: of the two bogies the largest value is negative once
+    both = np.asarray(result["secondary_velocity"])[200:]
+    assert np.any(-both.min(axis=0) > both.max(axis=0))
+    np.testing.assert_allclose(result["peak:secondary_velocity"], np.abs(both).max(axis=0), rtol=1e-12)
 
 
 def test_decimation_does_not_change_the_numbers(coach):
@@ -288,3 +295,55 @@ def test_bad_input_is_refused_in_one_line(coach, options, message):
     with pytest.raises(railjax.InputError, match=message) as caught:
         run(coach, **options)
     assert len(str(caught.value).splitlines()) == 1
+
+
+@contextlib.contextmanager
+def compilations():
+    """What XLA compiles meanwhile, by name."""
+    found = []
+
+    def listen(event, _, **about):
+        if event == "/jax/core/compile/backend_compile_duration":
+            found.append(about.get("fun_name", "?"))
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    yield found
+    jax.monitoring.unregister_event_duration_listener(listen)
+
+
+@pytest.mark.parametrize("lanes", [None, 3])
+def test_what_is_compiled_serves_every_vehicle_length_and_channel(coach, literal, lanes):
+    speed = 50.0 if lanes is None else np.linspace(40.0, 60.0, lanes)
+    options = {"reduce": ["rms:carbody_y"]}
+    with compilations() as first:
+        run(coach, speed, **options, record=["damper_force"])
+    assert first, "else this counts nothing"
+    with compilations() as later:
+        run(literal, speed, **options, duration=0.7)
+        run(coach, speed, **options, record=["guiding_force", "bogie_psi_acceleration"], settle=0.1)
+        result = run(railjax.replace(coach, carbody__mass=np.float64(3e4)), speed, **options, sample=0.025)
+        run(railjax.replace(coach, carbody__mass=np.float32(3e4)), speed, **options)
+        assert np.all(np.isfinite(result["flange_force"])), str(result)
+    assert not later
+
+
+def test_channels_are_read_later_as_if_recorded(coach):
+    names = ["bogie_y", "wheelset_psi_rate", "floor_acceleration", "alignment", "damper_force"]
+    start = {"initial": {"wheelset_y": 9.5e-3}, "duration": 12.0}  # more samples than a block has
+    for speed in (60.0, railjax.SpeedProfile([0.0, 12.0], [60.0, 50.0])):
+        later, recorded = run(coach, speed, record=(), **start), run(coach, speed, record=names, **start)
+        together = run(coach, jnp.array([60.0] * 40), record=names, **start) if speed == 60.0 else None  # read in the kernel
+        for name in names:
+            np.testing.assert_array_equal(later[name], recorded[name])
+            if together is not None:
+                np.testing.assert_allclose(together[name][..., 7], later[name], rtol=1e-7, atol=1e-9)
+    assert list(later.channels) == []
+    batch = run(coach, jnp.array([60.0] * 40), **start, record=names)
+    with pytest.raises(railjax.InputError, match=r"record=\['bogie_psi'\]"):
+        batch["bogie_psi"]
+    with pytest.raises(railjax.InputError, match=r"record=\['bogie_psi'\]"):
+        jax.jit(lambda speed: run(coach, speed)["bogie_psi"])(50.0)
+    with pytest.raises(railjax.InputError, match=r"reduce=\['rms:bogie_y'\]"):
+        later["rms:bogie_y"]
+    with pytest.raises(railjax.InputError, match="did you mean 'bogie_psi'"):
+        later["bogie_psy"]

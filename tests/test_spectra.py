@@ -22,7 +22,10 @@ def test_fra_follows_its_formula_and_the_classes_get_smoother():
     w = np.array([0.05, 0.8245, 3.0])
     expected = 0.25 * 0.0762e-4 * 0.8245**2 / (w**2 * (w**2 + 0.8245**2))
     np.testing.assert_allclose(railjax.spectrum("fra-5").density(w), expected, rtol=1e-14)
+    # A in cm^2 rad/m, classes 1 to 6
+    classes = [3.3634, 1.2107, 0.4128, 0.3027, 0.0762, 0.0339]
     levels = [float(railjax.spectrum(f"fra-{k}").density(0.3)) for k in range(1, 7)]
+    np.testing.assert_allclose(levels, np.array(classes) * 1e-4 * 0.25 * 0.8245**2 / (0.09 * (0.09 + 0.8245**2)), rtol=1e-14)
     assert levels == sorted(levels, reverse=True)
 
 

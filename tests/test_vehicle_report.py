@@ -151,11 +151,14 @@ def test_the_page_of_reproduce_in_chromium(tmp_path):
         ],
         "statements": [{"claim": "long " * 40, "source": "s", "holds": True, "numbers": "1234567890" * 12}],
         "assumptions": ["a" * 300],
+        "seconds": {"fig-1": 1.0},
+        "peak_memory_mb": {"fig-1": 400.0},
     }
     png = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
     picture = {"slug": "fig-1", "title": "Fig. 1", "caption": "c", "alternative": "what it shows", "png": png}
-    found = looked_at(render(results, [picture]), tmp_path)
-    well_made(found, images=1)
+    pictures = [{**picture, "section": "figures"}, {**picture, "slug": "further", "section": "beyond"}]
+    found = looked_at(render(results, pictures), tmp_path)
+    well_made(found, images=2)
     assert "#fig-1" in found["links"]
 
 
