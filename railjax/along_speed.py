@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .dampers import Damper
 from .motion import state_matrix
@@ -26,9 +26,9 @@ def concrete(*trees: object) -> bool:
     return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
 
 
-def along_speed(vehicle: Vehicle, damper: Damper) -> Along:
-    """The function that gives E (`state_matrix`) and its derivative with respect to the speed at each of some speeds (m/s), for a
-    vehicle without lanes."""
+def along_speed(vehicle: Vehicle, damper: Damper, flange: bool = False) -> Along:
+    """The function that gives E (`state_matrix`, also as to the `flange`) and its derivative with respect to the speed at each of some
+    speeds (m/s), for a vehicle without lanes."""
     leaves, structure = jax.tree.flatten(bare(vehicle, damper))
     shapes = tuple(np.shape(leaf) for leaf in leaves)
     # as one array, because each is slow to hand over
@@ -36,21 +36,30 @@ def along_speed(vehicle: Vehicle, damper: Damper) -> Along:
 
     def at(speeds: Float[np.ndarray, "speeds"]) -> tuple[Float[np.ndarray, "speeds s s"], Float[np.ndarray, "speeds s s"]]:
         pieces = np.pad(speeds, (0, -len(speeds) % TOGETHER), mode="edge").reshape(-1, TOGETHER)
-        found = [_matrices(structure, shapes, numbers, piece) for piece in pieces]
+        found = [_matrices(structure, shapes, numbers, np.asarray(flange), piece) for piece in pieces]
         return tuple(np.concatenate(part)[: len(speeds)] for part in zip(*found, strict=True))
 
     return at
 
 
+def both_at(vehicle: Vehicle, speed: float, damper: Damper) -> Float[np.ndarray, "2 s s"]:
+    """As `motion.state_matrices`, by the program that the linear critical speed has compiled already."""
+    return np.concatenate([along_speed(vehicle, damper, flange)(np.array([speed]))[0] for flange in (False, True)])
+
+
 # compiled in half the time, and run some ten times
 @functools.partial(jax.jit, static_argnames=("structure", "shapes"), compiler_options={"xla_backend_optimization_level": 0})
 def _matrices(
-    structure: Any, shapes: tuple[tuple[int, ...], ...], numbers: Float[Array, "numbers"], speeds: Float[Array, "speeds"]
+    structure: Any,
+    shapes: tuple[tuple[int, ...], ...],
+    numbers: Float[Array, "numbers"],
+    flange: Bool[Array, ""],
+    speeds: Float[Array, "speeds"],
 ) -> tuple[Float[Array, "speeds s s"], Float[Array, "speeds s s"]]:
     parts = jax.lax.split(numbers, [math.prod(shape) for shape in shapes])
     vehicle, damper = structure.unflatten([part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)])
 
     def at(speed: Float[Array, ""]) -> tuple[Float[Array, "s s"], Float[Array, "s s"]]:
-        return jax.jvp(lambda speed: state_matrix(vehicle, speed, damper), (speed,), (jnp.ones_like(speed),))
+        return jax.jvp(lambda speed: state_matrix(vehicle, speed, damper, flange=flange), (speed,), (jnp.ones_like(speed),))
 
     return jax.vmap(at)(speeds)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .deflections import labels, size
-from .kernels import WIDE, one_kernel
+from .kernels import QUICK, one_kernel, options
 from .lanes import CHUNK, in_threads
 from .motion import held, wheelset_shape
 from .orbits import Model, Orbit, Shooting, advanced, pack, state_rates
@@ -28,8 +28,8 @@ SETTLING = 60
 STEADY = 1e-4
 #: periods of history in which one of the motion is looked for: the motion may be slower than the mode it began with
 HISTORY = 4
-#: steps of false position for the instant at which the wheelset turns
-TURNING = 4
+#: of how many turns of the wheelset the mean is taken; steps of false position for the instant of each
+TURNS, TURNING = 4, 3
 #: states kept of a period, and fewest steps of RK4 between two of them
 SAMPLES, FEWEST_STEPS = 40, 2
 
@@ -163,7 +163,7 @@ def _steps(
 
 @functools.cache
 def _one_period() -> Callable[..., tuple[Array, Array]]:
-    return jax.jit(one_kernel(_steps), compiler_options=WIDE if jax.default_backend() == "cpu" else None)
+    return jax.jit(one_kernel(_steps), compiler_options=options(QUICK))
 
 
 def one_period(model: Model, orbit: Orbit, steps: int) -> Float[np.ndarray, "samples states"]:
@@ -176,16 +176,16 @@ def one_period(model: Model, orbit: Orbit, steps: int) -> Float[np.ndarray, "sam
 
 
 def _end(shooting: Shooting, start: Start, history: Float[np.ndarray, "samples states"], displacement: float) -> End:
-    """The orbit begins where the wheelset turns: the mean of all turns of the history, those to the left seen in the mirror, so that
+    """The orbit begins where the wheelset turns: the mean of the last turns, those to the left seen in the mirror, so that
     the car body's slow sway, which dies out long after the wheelsets have settled, cancels."""
     model, dt = start.model, start.period / SAMPLES
     index = model.amplitude_index(shooting.wheelset)
     turns, period = _turns(history[:, index])
-    if len(turns) < 2:
+    if len(turns) < 2 or displacement < start.rest:
         return End(pack(model, shooting, Orbit(history[0], start.period, start.speed)), displacement, False)
     if not shooting.symmetric:
         turns = [turn for turn in turns if history[turn, index] > 0.0]
-    states = [_at_turn(model, history, turn, index, dt, start.speed) for turn in turns]
+    states = [_at_turn(model, history, turn, index, dt, start.speed) for turn in turns[-TURNS:]]
     state = np.mean([state if state[index] > 0.0 else model.mirror * state for state in states], axis=0)
     return End(pack(model, shooting, Orbit(state, period * dt, start.speed)), displacement, True)
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from .channels import CHANNELS, parse_reduction, rows_of_motion, rows_of_state, shape_of
 from .integrate import STATES, Block, Plan, Progress, Run, advance, burst_of, parameter_axes, read
-from .kernels import one_kernel
+from .kernels import QUICK, one_kernel, options
 from .lanes import chunk_for, over_lanes
 from .vehicle import Packed, structure
 
@@ -96,7 +96,7 @@ def _read(trees: tuple) -> jax.Array:
     return read(*trees)
 
 
-@jax.jit
+@functools.partial(jax.jit, compiler_options=QUICK)
 @one_kernel
 def _read_alone(packed: Packed, *rest: Any) -> jax.Array:
     return read(*packed.unpacked(), *rest)
@@ -127,7 +127,8 @@ def _block(block: Block) -> Callable[[tuple], tuple[Run, Progress]]:
 
 @functools.cache
 def _block_alone(block: Block) -> Callable[..., tuple[Run, Progress]]:
-    return jax.jit(one_kernel(lambda packed, *rest: _block(block)((*packed.unpacked(), *rest))))
+    kernel = one_kernel(lambda packed, *rest: _block(block)((*packed.unpacked(), *rest)))
+    return jax.jit(kernel, compiler_options=options(QUICK))
 
 
 def finished(

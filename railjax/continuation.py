@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from .motion import state_matrix
+from .along_speed import both_at
 from .orbits import DISPLACEMENT, Model, Orbit, Shooting, by_parameters, pack
 from .shooting import BY_AMPLITUDE, Point, Problem, plane, row_of, solution, solved
 
@@ -27,7 +27,7 @@ def hunting_mode(model: Model, shooting: Shooting, speed: float) -> tuple[Float[
 
     The shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there.
     """
-    values, vectors = np.linalg.eig(np.asarray(state_matrix(model.vehicle, speed, model.damper)))
+    values, vectors = np.linalg.eig(both_at(model.vehicle, speed, model.damper)[0])
     oscillating = values.imag > 1e-6 * np.max(np.abs(values))
     chosen = int(np.argmin(np.where(oscillating, -values.real, np.inf)))
     vector = vectors[:, chosen]

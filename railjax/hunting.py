@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from . import attractors, continuation
+from .along_speed import both_at
 from .critical import default_wheelset, enough_steps
 from .dampers import Damper
 from .errors import InputError, NumericalError
@@ -18,7 +19,7 @@ from .floquet import floquet
 from .fold_search import FoldSearch, search_folds, steps_of_period
 from .limit_cycles import Branch, Event, LimitCycle, limit_cycle_at
 from .linear import LinearCritical, Stability, linear_critical
-from .motion import PASSIVE, state_matrix
+from .motion import PASSIVE
 from .normal_form import first_lyapunov_coefficient
 from .orbits import DISPLACEMENT, PERIOD, SPEED, Model, Shooting, model_of
 from .precision import require_double_precision
@@ -241,7 +242,7 @@ class _Tracer:
         """The Hopf point as a limit cycle of no amplitude."""
         states = self.model.scales.shape[0]
         period = 1.0 / float(self.hopf.frequency)
-        matrix = np.asarray(state_matrix(self.model.vehicle, self.speed, self.model.damper))
+        matrix = both_at(self.model.vehicle, self.speed, self.model.damper)[0]
         growth = np.linalg.eigvals(matrix) * period
         half = np.exp(0.5 * growth) * -1.0 if self.shooting.symmetric else np.exp(growth)
         nothing = np.zeros(states)

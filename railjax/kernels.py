@@ -32,6 +32,15 @@ F = TypeVar("F", bound=Callable[..., Any])
 #: options for batches on CPU: full-width vectors (1.2 times faster; single runs are slower with them)
 WIDE = {"xla_cpu_prefer_vector_width": 512}
 
+#: options for large kernels on CPU that run for milliseconds: LLVM takes half the time and what it makes runs as fast
+QUICK = {"xla_backend_optimization_level": 1}
+
+
+def options(chosen: dict[str, int]) -> dict[str, int] | None:
+    """Compiler options where they are known: on CPU."""
+    return chosen if jax.default_backend() == "cpu" else None
+
+
 #: eigenvalues with right, and with left and right eigenvectors: each a function of its own, because within one of some thousand
 #: operations XLA (JAX 0.12) loses what kind of call LAPACK's is and refuses it
 eig, eig_both = jax.jit(jnp.linalg.eig), jax.jit(jax.lax.linalg.eig)

@@ -256,7 +256,7 @@ def state_product(
 
 
 def state_matrix(
-    vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE, *, flange: bool = False
+    vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE, *, flange: bool | Bool[Array, ""] = False
 ) -> Float[Array, "states states"]:
     """E of eq. (4): the linearisation x' = E x of straight running with linear creep.
 

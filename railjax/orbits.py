@@ -19,9 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .along_speed import both_at
 from .dampers import Damper
 from .deflections import layout, size
-from .kernels import one_kernel
+from .kernels import QUICK, one_kernel, options
 from .motion import motion, state_rate, state_size, wheelset_shape
 from .rk4 import rk4_in_loop
 from .step_bound import fastest_rate_on_host
@@ -126,7 +127,7 @@ def rounded(vehicle: Vehicle) -> Vehicle:
 
 def fastest(model: Model, speed: float) -> float:
     """Fastest rate of the vehicle at a speed (m/s), 1/s: what bounds the step of RK4."""
-    return fastest_rate_on_host(model.vehicle, speed, model.damper)
+    return fastest_rate_on_host(model.vehicle, speed, model.damper, matrices=both_at)
 
 
 def pack(model: Model, shooting: Shooting, orbit: Orbit) -> Float[np.ndarray, "unknowns"]:
@@ -211,7 +212,7 @@ def _by_parameters(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> F
 
 @functools.cache
 def _compiled(function: Callable[..., Any], symmetric: bool) -> Callable[..., Any]:
-    return jax.jit(one_kernel(functools.partial(function, symmetric)))
+    return jax.jit(one_kernel(functools.partial(function, symmetric)), compiler_options=options(QUICK))
 
 
 def _called(function: Callable[..., Any], model: Model, shooting: Shooting, orbit: Orbit) -> Any:

@@ -1,6 +1,7 @@
 """The largest step that RK4 holds: from the spectral radius of state matrices, inside a program or on the host."""
 
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -35,12 +36,14 @@ def fastest_rate(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: Scalar
     return _radius(matrix, size(vehicle), enough)
 
 
-def fastest_rate_on_host(vehicle: Vehicle, speed: Scalar, damper: Damper, enough: float = 0.0) -> float:
-    """`fastest_rate` of one vehicle of known numbers, by NumPy from compiled state matrices."""
+def fastest_rate_on_host(
+    vehicle: Vehicle, speed: Scalar, damper: Damper, enough: float = 0.0, matrices: Callable[..., np.ndarray] = state_matrices
+) -> float:
+    """`fastest_rate` of one vehicle of known numbers, by NumPy from compiled state matrices: those of `matrices`, or of what gives the
+    same by another program."""
     cases = itertools.product(extremes(vehicle), damper_extremes(vehicle, damper))
-    matrices = [state_matrices(one, speed, law) for one, law in cases]
     with np.errstate(all="ignore"):
-        return float(max(_radius(both, size(vehicle), enough) for both in matrices))
+        return float(max(_radius(matrices(one, speed, law), size(vehicle), enough) for one, law in cases))
 
 
 def _radius(matrix: Any, n: int, enough: Scalar) -> Any:
