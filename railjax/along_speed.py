@@ -60,6 +60,8 @@ def _matrices(
     vehicle, damper = structure.unflatten([part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)])
 
     def at(speed: Float[Array, ""]) -> tuple[Float[Array, "s s"], Float[Array, "s s"]]:
-        return jax.jvp(lambda speed: state_matrix(vehicle, speed, damper, flange=jnp.asarray(flange)), (speed,), (jnp.ones_like(speed),))
+        return jax.jvp(
+            lambda speed: state_matrix(vehicle, speed, damper, flange=jnp.asarray(flange)), (speed,), (jnp.ones_like(speed),)
+        )
 
     return jax.vmap(at)(speeds)
