@@ -52,14 +52,16 @@ def both_at(vehicle: Vehicle, speed: float, damper: Damper) -> Float[np.ndarray,
 def _matrices(
     structure: Any,
     shapes: tuple[tuple[int, ...], ...],
-    numbers: Float[Array, "numbers"],
-    flange: Bool[Array, ""],
-    speeds: Float[Array, "speeds"],
+    numbers: Float[Array | np.ndarray, "numbers"],
+    flange: Bool[Array | np.ndarray, ""],
+    speeds: Float[Array | np.ndarray, "speeds"],
 ) -> tuple[Float[Array, "speeds s s"], Float[Array, "speeds s s"]]:
     parts = jax.lax.split(numbers, [math.prod(shape) for shape in shapes])
     vehicle, damper = structure.unflatten([part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)])
 
     def at(speed: Float[Array, ""]) -> tuple[Float[Array, "s s"], Float[Array, "s s"]]:
-        return jax.jvp(lambda speed: state_matrix(vehicle, speed, damper, flange=flange), (speed,), (jnp.ones_like(speed),))
+        return jax.jvp(
+            lambda speed: state_matrix(vehicle, speed, damper, flange=jnp.asarray(flange)), (speed,), (jnp.ones_like(speed),)
+        )
 
     return jax.vmap(at)(speeds)

@@ -109,8 +109,10 @@ def test_coach_wheel_gives_the_order_of_table_1():
 
 
 def test_derivatives():
-    for index in range(4):
-        derivatives.check(lambda *p, i=index: railjax.creep_coefficients(*p)[i], 51250.0, 0.46, 0.3, step=1e-6, rtol=1e-5)
+    """Of all four, in shares of their own; the weights keep an error in one from making up for one in another."""
+    at = 51250.0, 0.46, 0.3
+    weight = np.array([1.0, 1.3, 1.7, 2.3]) / np.array(railjax.creep_coefficients(*at))
+    derivatives.check(lambda *p: weight * jnp.stack(railjax.creep_coefficients(*p)), *at, step=1e-6, rtol=1e-5)
 
 
 def test_a_file_can_ask_for_hertz(tmp_path):
