@@ -3,14 +3,19 @@
     python benchmarks/one_answer.py [--minutes 3] [--only NAME ...]      # as the process is: all cores, one device each
     python benchmarks/one_answer.py --all [--minutes 3]                  # every configuration below, each in a process of its own
 
-A dozen programs of railjax, and three of plain JAX that others have found to give two answers (JAX issue 39741, TensorFlow issue
-126812), are called over and over in random order from several threads, several calls in flight at once, each program for about the same
-time, while other programs are compiled and thrown away, and every `--forget` seconds everything compiled is forgotten and made anew. All
-bits of every result are compared with those of the first call. Prints the number of calls and what differed, by how much; exit status 1
-if anything did. Of three minutes on two idle cores the quickest programs get some ten thousand calls, the slowest some tens.
+A dozen programs of railjax, and three of plain JAX that others have found to give two answers (JAX issue 39741, TensorFlow
+issue 126812), are called over and over in random order from several threads, several calls in flight at once, each program for
+about the same time, while other programs are compiled and thrown away, and every `--forget` seconds everything compiled is
+forgotten and made anew. All bits of every result are compared with those of the first call. Prints the number of calls and what
+differed, by how much; exit status 1 if anything did. Of three minutes on two idle cores the quickest programs get some ten
+thousand calls, the slowest some tens.
 
-`--all` does this with two devices and one, with and without `xla_cpu_small_call`, with an intra-op pool of 1, 2 and 8 threads, without
-Eigen's threads, and without YNNPACK's reductions where the release of JAX has them.
+`--all` does this with two devices and one, with and without `xla_cpu_small_call`, with an intra-op pool of 1, 2 and 8 threads,
+without Eigen's threads, and without YNNPACK's reductions where the release of JAX has them.
+
+What a difference may come from: rounding cannot grow in these programs (a start off by an ulp moves the end of the skyhook run by
+4e-16), so anything above 1e-12 is a lost or stale number, not another order of a sum; and a NumPy array handed to a compiled
+function and changed before the result is read gives another answer by JAX's own rules (it is not copied, JAX issue 37830).
 """
 
 import argparse
