@@ -8,7 +8,6 @@ method, and only the motions below it are tried.
 
 from collections.abc import Iterator, Sequence
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -23,6 +22,8 @@ from .step_bound import STABLE_RADIUS
 #: it, and just above, where those of another family may live whose fold is a little lower
 ABOUT_HOPF = (0.6, 0.75, 0.85, 0.9, 0.95, 0.99, 1.02)
 ABOUT_FOLD = (0.8, 0.87, 0.93, 0.97, 0.99, 0.998, 0.9995, 1.002)
+#: multiplier of half a period beyond which a motion is taken to leave its branch
+LEAVES = 1.015
 #: residual of an orbit that all but exists
 NEARLY = 1e-2
 #: m; motions of one family differ by less between a fold and just above it
@@ -136,15 +137,15 @@ class FoldSearch:
 
 def _lower(one: Point | None, other: Point | None) -> bool:
     """Whether one fold lies below another, or is the only one."""
-    return one is not None and (other is None or one.unknowns[-1] < other.unknowns[-1])
+    return one is not None and (other is None or bool(one.unknowns[-1] < other.unknowns[-1]))
 
 
 def motions_end(fold: Point) -> bool:
-    """Whether the limit cycles that end in the fold are stable on one side: all multipliers but the trivial one and the fold's own lie
-    within the unit circle. Else the motion has left this branch before."""
+    """Whether the motions that end in the fold are there down to it: all multipliers but the trivial one and the fold's own lie within the
+    unit circle, or so little outside as where bogies barely feel each other. Else the motion has left this branch before."""
     multipliers = np.linalg.eigvals(fold.monodromy)
     others = np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:2])
-    return bool(np.all(np.abs(others) < 1.0 + 1e-6))
+    return bool(np.all(np.abs(others) < LEAVES))
 
 
 def steps_of_period(model: Model, speed: float, period: float) -> int:
@@ -175,7 +176,7 @@ def _search_to_the_end(searches: list[FoldSearch]) -> None:
 
 def _waves(searches: Sequence[FoldSearch]) -> Iterator[list[tuple[FoldSearch, FoldSearch | None]]]:
     """The vehicles, each with the nearest of those in earlier waves; each wave doubles the number of those known."""
-    numbers = np.array([np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(search.model)]) for search in searches])
+    numbers = np.array([search.model.numbers for search in searches])
     spread = np.std(numbers, axis=0)
     numbers = numbers[:, spread > 0.0] / spread[spread > 0.0]
     order = _farthest_first(numbers)
