@@ -18,6 +18,11 @@ STUDIES = {
     "its gradient": lambda vehicle, speed, damper: jax.grad(
         lambda stiffness: railjax.linear_critical_speed(railjax.replace(vehicle, primary__stiffness_y=stiffness), damper=damper)
     )(np.float64(1e5 * float(speed))),
+    "nonlinear critical speed": lambda vehicle, speed, damper: railjax.nonlinear_critical_speed(vehicle, damper=damper, steps=100),
+    "its gradient by a batch": lambda vehicle, speed, damper: jax.grad(
+        lambda mass: jax.numpy.sum(railjax.nonlinear_critical(railjax.replace(vehicle, carbody__mass=mass), steps=100).speed)
+    )(jax.numpy.array([600.0, 610.0]) * float(speed)),
+    "hunting": lambda vehicle, speed, damper: str(railjax.hunting_branch(vehicle, damper=damper, steps=100, largest_step=0.5)),
     "modes": lambda vehicle, speed, damper: railjax.modes(vehicle, speed, damper),
     "root locus": lambda vehicle, speed, damper: railjax.root_locus(vehicle, np.linspace(0.5, 1.0, 4) * float(speed), damper),
     "frequency response": lambda vehicle, speed, damper: str(railjax.frequency_response(vehicle, speed, damper=damper)),
