@@ -16,9 +16,9 @@ from jaxtyping import Array, Float, Int
 
 from .deflections import labels, size
 from .kernels import QUICK, one_kernel, options
-from .lanes import CHUNK, in_threads
+from .lanes import CHUNK, cores, in_threads
 from .motion import held, wheelset_shape
-from .orbits import Model, Orbit, Shooting, advanced, pack, state_rates
+from .orbits import Form, Model, Orbit, Shooting, advanced, pack, state_rates
 from .rk4 import rk4_in_loop
 from .shooting import Problem, at_speed
 
@@ -49,8 +49,8 @@ class Start(NamedTuple):
 
 
 class End(NamedTuple):
-    """Where a motion ended: the packed orbit as a guess for Newton, the largest displacement of any wheelset (m), and whether the
-    wheelset that measures the amplitude still swings to both sides."""
+    """Where a motion ended: the packed orbit as a guess for Newton, the largest displacement of any wheelset (m), and whether that still
+    swings to both sides."""
 
     guess: Float[np.ndarray, "unknowns"]
     displacement: float
@@ -62,15 +62,21 @@ def drawn(shooting: Shooting, starts: Sequence[Start]) -> list[End]:
 
     All models have the same structure. As many run together as a chunk has lanes; where one has ended the next begins.
     """
-    pieces = -(-len(starts) // CHUNK)
+    pieces = min(-(-len(starts) // CHUNK), cores())
     queues = [list(enumerate(starts))[first::pieces] for first in range(pieces)]
-    found = in_threads(lambda queue: list(_settled(shooting, queue)), queues)
+    every = _every(starts)
+    found = in_threads(lambda queue: list(_settled(shooting, queue, every)), queues)
     return [end for _, end in sorted((pair for part in found for pair in part), key=lambda pair: pair[0])]
 
 
-def _settled(shooting: Shooting, queue: list[tuple[int, Start]]) -> Iterator[tuple[int, End]]:
+def _every(starts: Sequence[Start]) -> int:
+    """Steps of RK4 between two samples."""
+    return max(FEWEST_STEPS, *(-(-start.steps // SAMPLES) for start in starts))
+
+
+def _settled(shooting: Shooting, queue: list[tuple[int, Start]], every: int) -> Iterator[tuple[int, End]]:
     """The motions of a queue with their numbers, as they end."""
-    batch = _Batch([start for _, start in queue])
+    batch = _Batch(queue[0][1], every)
     waiting = iter(queue)
     lanes: list[_Lane | None] = [batch.begin(k, next(waiting, None)) for k in range(CHUNK)]
     while any(lane is not None for lane in lanes):
@@ -101,13 +107,12 @@ class _Lane:
 class _Batch:
     """Motions that are integrated together, a lane each."""
 
-    def __init__(self, starts: list[Start]) -> None:
-        model, lanes = starts[0].model, np.ones(CHUNK)
-        self.models = jax.tree.map(lambda leaf: np.asarray(leaf, float)[..., None] * lanes, model)
-        self.in_lane: list[Model] = [model] * CHUNK
-        self.x = np.zeros((len(starts[0].state), CHUNK))
-        self.slowness, self.dt = lanes / starts[0].speed, lanes * starts[0].period / SAMPLES
-        self.every = max(FEWEST_STEPS, *(-(-start.steps // SAMPLES) for start in starts))
+    def __init__(self, first: Start, every: int) -> None:
+        model, lanes = first.model, np.ones(CHUNK)
+        self.form, self.numbers = model.form, model.numbers[:, None] * lanes
+        self.x = np.zeros((len(first.state), CHUNK))
+        self.slowness, self.dt = lanes / first.speed, lanes * first.period / SAMPLES
+        self.every = every
         self.at = model.displacements
         self.periods: deque[np.ndarray] = deque(maxlen=HISTORY)
 
@@ -117,16 +122,13 @@ class _Batch:
             self.x[:, k] = 0.0
             return None
         number, start = entry
-        if start.model is not self.in_lane[k]:
-            for leaf, own in zip(jax.tree.leaves(self.models), jax.tree.leaves(start.model), strict=True):
-                leaf[..., k] = own
-            self.in_lane[k] = start.model
+        self.numbers[:, k] = start.model.numbers
         self.x[:, k], self.slowness[k], self.dt[k] = start.state, 1.0 / start.speed, start.period / SAMPLES
         return _Lane(number, start)
 
     def one_period(self) -> Float[np.ndarray, "lanes"]:
         """Integrate; the largest displacement of any wheelset in each lane, m."""
-        x, states = _one_period()(self.models, self.x, self.slowness, self.dt, np.asarray(self.every))
+        x, states = _one_period(self.form)(self.numbers, self.x, self.slowness, self.dt, np.asarray(self.every))
         states, self.x = np.asarray(states), np.array(x)
         first = self.periods[-1][-1:] if self.periods else states[:1]
         self.periods.append(states)
@@ -162,32 +164,38 @@ def _steps(
 
 
 @functools.cache
-def _one_period() -> Callable[..., tuple[Array, Array]]:
-    return jax.jit(one_kernel(_steps), compiler_options=options(QUICK))
+def _one_period(form: Form) -> Callable[..., tuple[Array, Array]]:
+    kernel = one_kernel(lambda numbers, *rest: _steps(form.model(numbers), *rest))
+    return jax.jit(kernel, compiler_options=options(QUICK))
 
 
 def one_period(model: Model, orbit: Orbit, steps: int) -> Float[np.ndarray, "samples states"]:
     """States of a limit cycle over a period, of which RK4 needs so many `steps`."""
     start = Start(model, np.asarray(orbit.state), float(orbit.period), float(orbit.speed), steps)
-    batch = _Batch([start])
+    batch = _Batch(start, _every([start]))
     batch.begin(0, (0, start))
     batch.one_period()
     return batch.history(0)
 
 
 def _end(shooting: Shooting, start: Start, history: Float[np.ndarray, "samples states"], displacement: float) -> End:
-    """The orbit begins where the wheelset turns: the mean of the last turns, those to the left seen in the mirror, so that
-    the car body's slow sway, which dies out long after the wheelsets have settled, cancels."""
+    """The orbit from the mean of the last turns of the wheelset that moves most, those to the left seen in the mirror, so that the car
+    body's slow sway, which dies out long after the wheelsets have settled, cancels; it begins where the wheelset that measures turns."""
     model, dt = start.model, start.period / SAMPLES
-    index = model.amplitude_index(shooting.wheelset)
-    turns, period = _turns(history[:, index])
+    most = model.displacements.start + int(np.argmax(np.max(np.abs(history[:, model.displacements]), axis=0)))
+    turns, length = _turns(history[:, most])
     if len(turns) < 2 or displacement < start.rest:
         return End(pack(model, shooting, Orbit(history[0], start.period, start.speed)), displacement, False)
     if not shooting.symmetric:
-        turns = [turn for turn in turns if history[turn, index] > 0.0]
-    states = [_at_turn(model, history, turn, index, dt, start.speed) for turn in turns[-TURNS:]]
-    state = np.mean([state if state[index] > 0.0 else model.mirror * state for state in states], axis=0)
-    return End(pack(model, shooting, Orbit(state, period * dt, start.speed)), displacement, True)
+        turns = [turn for turn in turns if history[turn, most] > 0.0]
+    states = [_at_turn(model, history, turn, most, dt, start.speed) for turn in turns[-TURNS:]]
+    state = np.mean([state if state[most] > 0.0 else model.mirror * state for state in states], axis=0)
+    orbit, index = Orbit(state, length * dt, start.speed), model.amplitude_index(shooting.wheelset)
+    if most != index:
+        history = one_period(model, orbit, start.steps)
+        turn = 1 + int(np.argmax(history[1:-1, index]))
+        orbit = orbit._replace(state=_at_turn(model, history, turn, index, orbit.period / SAMPLES, start.speed))
+    return End(pack(model, shooting, orbit), displacement, True)
 
 
 def _at_turn(

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -127,9 +126,12 @@ FEW_ITERATIONS = 5
 def fold_near(model: Model, shooting: Shooting, other: Model, fold: Point) -> Point | None:
     """The fold of a vehicle that is little different from the `other`, whose `fold` is given; None where it is not near that."""
     start = _carried_over(model, shooting, other, fold)
-    if start is None:
-        return None
-    # the secant method for the slope along the direction that the branch has there
+    return None if start is None else fold_beside(model, shooting, start)
+
+
+def fold_beside(model: Model, shooting: Shooting, start: Point) -> Point | None:
+    """The fold near an orbit of the same branch, by the secant method for the slope along the direction that the branch has there; None
+    where it is not near."""
     row, nearest, share = start.direction, start, 0.0
     before: tuple[float, float] | None = None
     for _ in range(NEAR_TRIES):
@@ -156,10 +158,10 @@ def _carried_over(model: Model, shooting: Shooting, other: Model, point: Point) 
     """The orbit into which another vehicle's turns when its parameters become, step by step, those of this one: predicted by the
     derivatives by all of them, its distance along the other's branch held."""
     row, done, step = point.direction, 0.0, 1.0
-    change = np.concatenate([np.ravel(b - a) for a, b in zip(jax.tree.leaves(other), jax.tree.leaves(model), strict=True)])
+    change = model.numbers - other.numbers
     while done < 1.0:
         ahead = min(done + step, 1.0)
-        here, there = (by_mixing(other, model, share) for share in (done, ahead))
+        here, there = (between(other, model, share) for share in (done, ahead))
         pushed = by_parameters(here, shooting, point.unknowns) @ change * (ahead - done)
         guess = point.unknowns - solution(np.vstack([point.jacobian, row]), np.append(pushed, 0.0))
         found = solved(there, shooting, Problem(guess, row, float(row @ point.unknowns)), point, FEW_ITERATIONS)
@@ -172,6 +174,6 @@ def _carried_over(model: Model, shooting: Shooting, other: Model, point: Point) 
     return point
 
 
-def by_mixing(one: Model, other: Model, share: float) -> Model:
-    """The vehicle between two of the same structure."""
-    return jax.tree.map(lambda a, b: b if share == 1.0 else a + share * (b - a), one, other)
+def between(one: Model, other: Model, share: float) -> Model:
+    """The vehicle at a share of the way from one to another of the same form."""
+    return other if share == 1.0 else one.form.model(one.numbers + share * (other.numbers - one.numbers))

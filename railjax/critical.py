@@ -152,7 +152,7 @@ def _judged(search: FoldSearch | None, speed: float, frequency: float, code: flo
     return np.nan, np.nan, np.nan, Hunting.FAILED
 
 
-def _slopes(search: FoldSearch | None, lane: tuple, code: int) -> list[np.ndarray]:
+def _slopes(search: FoldSearch | None, lane: tuple, code: int | np.integer) -> list[np.ndarray]:
     """Derivative of the speed by each number of the lane but the code; zero where there is none, so that such a lane does not spoil a sum's."""
     trees, (speed, frequency, _) = jax.tree.map(np.zeros_like, lane)
     if search is not None and code == Hunting.OK:

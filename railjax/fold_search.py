@@ -8,21 +8,24 @@ method, and only the motions below it are tried.
 
 from collections.abc import Iterator, Sequence
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
 from .attractors import End, Start, drawn, one_period, patterns
-from .continuation import fold_between, fold_near, follow, hunting_mode
+from .continuation import fold_beside, fold_between, fold_near, follow, hunting_mode
 from .lanes import in_threads
 from .orbits import DISPLACEMENT, SPEED, Model, Shooting, fastest, unpack
-from .shooting import Point, at_speed, largest_displacement, solved
+from .shooting import Point, Problem, at_speed, largest_displacement, solved
 from .step_bound import STABLE_RADIUS
 
 #: shares of the linear critical speed at which motions are tried first, and of a fold's speed at which they are tried then: below
 #: it, and just above, where those of another family may live whose fold is a little lower
 ABOUT_HOPF = (0.6, 0.75, 0.85, 0.9, 0.95, 0.99, 1.02)
 ABOUT_FOLD = (0.8, 0.87, 0.93, 0.97, 0.99, 0.998, 0.9995, 1.002)
+#: multiplier of half a period beyond which a motion is taken to leave its branch
+LEAVES = 1.015
+#: residual of an orbit that all but exists
+NEARLY = 1e-2
 #: m; motions of one family differ by less between a fold and just above it
 ALIKE = 1e-3
 #: displacement, in clearances, with which motions begin, and below which they are taken to have died out
@@ -65,30 +68,44 @@ class FoldSearch:
                 yield Start(self.model, start, period, share * speed, steps, self.rest)
 
     def descend(self, ends: Sequence[End]) -> bool:
-        """Follow the first of the motions, those of low speed first, that leads to a fold below the known one; whether one does, and
-        others are to be looked for below it."""
+        """Follow the motions, those of low speed first, until one leads to a fold below the known one at which motions end; where none
+        does, the lowest of the other folds is taken. Whether there is one, and others are to be looked for below it."""
         tried: list[End] = []
+        other: Point | None = None
         for end in ends:
             if not (end.swings and end.displacement > self.rest) or any(self._alike(end.guess, one.guess) for one in tried):
                 continue
             tried.append(end)
-            entry = self._entered(end)
-            fold = None if entry is None else self._down_from(entry)
-            if fold is not None and (self.fold is None or fold.unknowns[-1] < self.fold.unknowns[-1]):
-                self.fold, self.folds = fold, self.folds + 1
-                return self.folds < MOST_FOLDS
-        return False
+            fold = self._fold_from(end)
+            if not _lower(fold, self.fold):
+                continue
+            if motions_end(fold):
+                return self._keep(fold)
+            other = fold if _lower(fold, other) else other
+        return other is not None and self._keep(other)
 
-    def _entered(self, end: End) -> Point | None:
-        """The limit cycle on which a motion ended; of one above the known fold that of its family at the fold's speed. None where there is
-        none."""
-        speed = float(end.guess[-1])
-        if self.fold is not None and speed > self.fold.unknowns[-1]:
+    def _keep(self, fold: Point) -> bool:
+        self.fold, self.folds = fold, self.folds + 1
+        return self.folds < MOST_FOLDS
+
+    def _fold_from(self, end: End) -> Point | None:
+        """The fold of the limit cycle on which a motion ended; None where there is none, or none below the known one."""
+        speed = end.guess[-1]
+        above = self.fold is not None and speed > self.fold.unknowns[-1]
+        if above:
             if self._alike(end.guess, self.fold.unknowns):
                 return None
             speed = self.fold.unknowns[-1]
         entry = solved(self.model, self.shooting, at_speed(self.model, self.shooting, end.guess, speed * SPEED))
-        return entry if entry.usable and largest_displacement(self.model, entry) > self.rest else None
+        if above and not entry.usable and entry.residual < NEARLY:
+            # it ends at nearly the same speed
+            held = Problem(entry.unknowns, entry.direction, float(entry.direction @ entry.unknowns))
+            beside = solved(self.model, self.shooting, held, entry)
+            fold = fold_beside(self.model, self.shooting, beside) if beside.usable else None
+            return fold if fold is not None and motions_end(fold) else None
+        if not entry.usable or largest_displacement(self.model, entry) < self.rest:
+            return None
+        return self._down_from(entry)
 
     def _alike(self, one: Float[np.ndarray, "unknowns"], other: Float[np.ndarray, "unknowns"]) -> bool:
         """Whether two packed orbits at nearly the same speed are of one family."""
@@ -97,9 +114,12 @@ class FoldSearch:
         return bool(near and abs(one[-1] / other[-1] - 1.0) < 2.0 * (ABOUT_FOLD[-1] - 1.0))
 
     def take_from(self, other: "FoldSearch") -> bool:
-        """The fold near that of a vehicle that is little different, below the linear critical speed; False where there is none."""
-        fold = None if other.fold is None else fold_near(self.model, self.shooting, other.model, other.fold)
-        if fold is None or fold.unknowns[-1] * SPEED >= self.hopf:
+        """The fold near that of a vehicle that is little different, below the linear critical speed; False where there is none at which
+        motions end."""
+        if other.fold is None or not motions_end(other.fold):
+            return False
+        fold = fold_near(self.model, self.shooting, other.model, other.fold)
+        if fold is None or fold.unknowns[-1] * SPEED >= self.hopf or not motions_end(fold):
             return False
         self.fold, self.folds = fold, 1
         return True
@@ -113,6 +133,19 @@ class FoldSearch:
                 self.vanished = True
                 return None
         return None
+
+
+def _lower(one: Point | None, other: Point | None) -> bool:
+    """Whether one fold lies below another, or is the only one."""
+    return one is not None and (other is None or bool(one.unknowns[-1] < other.unknowns[-1]))
+
+
+def motions_end(fold: Point) -> bool:
+    """Whether the motions that end in the fold are there down to it: all multipliers but the trivial one and the fold's own lie within the
+    unit circle, or so little outside as where bogies barely feel each other. Else the motion has left this branch before."""
+    multipliers = np.linalg.eigvals(fold.monodromy)
+    others = np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:2])
+    return bool(np.all(np.abs(others) < LEAVES))
 
 
 def steps_of_period(model: Model, speed: float, period: float) -> int:
@@ -143,7 +176,7 @@ def _search_to_the_end(searches: list[FoldSearch]) -> None:
 
 def _waves(searches: Sequence[FoldSearch]) -> Iterator[list[tuple[FoldSearch, FoldSearch | None]]]:
     """The vehicles, each with the nearest of those in earlier waves; each wave doubles the number of those known."""
-    numbers = np.array([np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(search.model)]) for search in searches])
+    numbers = np.array([search.model.numbers for search in searches])
     spread = np.std(numbers, axis=0)
     numbers = numbers[:, spread > 0.0] / spread[spread > 0.0]
     order = _farthest_first(numbers)

@@ -108,15 +108,12 @@ def _traced(*leaves: Any, call: _Call) -> Any:
 
 def _mapped(leaves: Sequence[Any], axes: Sequence[Any], *, call: _Call) -> tuple[list, list]:
     """The mapped axis becomes the axis of lanes; where there is one already, each of its lanes is one of the new ones."""
-    width = next(leaf.shape[axis] for leaf, axis in zip(leaves, axes, strict=True) if axis is not batching.not_mapped)
-    shapes = [
-        leaf.shape if axis is batching.not_mapped else np.delete(leaf.shape, axis)
-        for leaf, axis in zip(leaves, axes, strict=True)
-    ]
+    width = next(leaf.shape[axis] for leaf, axis in zip(leaves, axes, strict=True) if axis is not None)
+    shapes = [leaf.shape if axis is None else np.delete(leaf.shape, axis) for leaf, axis in zip(leaves, axes, strict=True)]
     before = next((int(shape[-1]) for shape, lane in zip(shapes, call.lanes, strict=True) if lane), None)
     flat, lanes = [], []
     for leaf, axis, lane in zip(leaves, axes, call.lanes, strict=True):
-        here = axis is not batching.not_mapped
+        here = axis is not None
         leaf = jnp.moveaxis(leaf, axis, -1) if here else leaf
         if before is not None and (here or lane):  # own axes, lanes, mapped
             leaf = leaf if lane else leaf[..., None, :]

@@ -19,7 +19,8 @@ from jax.sharding import Mesh, PartitionSpec
 from .errors import InputError
 from .kernels import WIDE, one_kernel
 
-T, R = TypeVar("T"), TypeVar("R")
+T = TypeVar("T")
+R = TypeVar("R")
 
 #: lanes integrated together on one device; beyond 40 (JAX 0.10.1) or 56 (0.12) lanes a step on CPU takes twice as long per lane
 CHUNK = 32

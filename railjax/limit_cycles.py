@@ -228,7 +228,7 @@ def _amplitude_of(model: Model, speed: float, shooting: Shooting, slopes: bool) 
     if point.usable and largest_displacement(model, point) > AT_REST * clearance:
         sign = np.sign(point.amplitude)
         by_numbers = jax.tree.leaves(amplitude_slopes(model, shooting, point)) if slopes else []
-        return abs(point.amplitude), [*(sign * slope for slope in by_numbers), np.zeros(())]
+        return abs(point.amplitude), [*(np.asarray(sign * slope) for slope in by_numbers), np.zeros(())]
     at_rest = point.usable or np.max(np.abs(problem.guess[:-2])) * DISPLACEMENT < AT_REST * clearance
     return 0.0 if at_rest else np.nan, none
 

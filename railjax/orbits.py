@@ -10,6 +10,7 @@ Only this is compiled; what decides what is integrated next (`shooting`, `contin
 import dataclasses
 import functools
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -58,6 +59,17 @@ class Model:
     damper: Damper
 
     @functools.cached_property
+    def form(self) -> "Form":
+        """Everything of the model but its numbers."""
+        leaves, structure = jax.tree.flatten(self)
+        return Form(structure, tuple(np.shape(leaf) for leaf in leaves))
+
+    @functools.cached_property
+    def numbers(self) -> Float[np.ndarray, "numbers"]:
+        """All numbers, in the order of the leaves."""
+        return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(self)])
+
+    @functools.cached_property
     def states(self) -> int:
         """Length of the state."""
         return state_size(self.vehicle, self.damper)
@@ -98,6 +110,21 @@ class Model:
 def model_of(vehicle: Vehicle, damper: Damper) -> Model:
     """As the search for limit cycles takes it: sharp corners `rounded`, without labels, NumPy's numbers."""
     return jax.tree.map(lambda leaf: np.asarray(leaf, float), Model(without_labels(rounded(vehicle)), damper))
+
+
+class Form(NamedTuple):
+    """How a model is made of its numbers: as one array, since many are slow to hand over and XLA aborts the process on an argument of
+    one kernel for which it finds no use."""
+
+    structure: Any
+    shapes: tuple[tuple[int, ...], ...]
+
+    def model(self, numbers: Any) -> Model:
+        """The model of `numbers` (numbers, *lanes)."""
+        sizes = [math.prod(shape) for shape in self.shapes]
+        parts = [numbers[end - size : end] for size, end in zip(sizes, np.cumsum(sizes), strict=True)]
+        lanes = numbers.shape[1:]
+        return self.structure.unflatten([part.reshape((*shape, *lanes)) for part, shape in zip(parts, self.shapes, strict=True)])
 
 
 class Orbit(NamedTuple):
@@ -203,21 +230,22 @@ def _by_parameters(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> F
     """Derivative of `_section` by every number of the model."""
 
     def along(direction: Float[Array, "numbers"]) -> Float[Array, "states"]:
-        change = by_leaves(model, direction)
+        change = model.form.model(direction)
         return jax.jvp(lambda model: _section(symmetric, model, orbit, steps)[0], (model,), (change,))[1]
 
-    count = sum(int(np.prod(np.shape(leaf))) for leaf in jax.tree.leaves(model))
-    return jax.vmap(along, in_axes=-1, out_axes=-1)(jnp.eye(count))
+    return jax.vmap(along, in_axes=-1, out_axes=-1)(jnp.eye(sum(math.prod(shape) for shape in model.form.shapes)))
 
 
 @functools.cache
-def _compiled(function: Callable[..., Any], symmetric: bool) -> Callable[..., Any]:
-    return jax.jit(one_kernel(functools.partial(function, symmetric)), compiler_options=options(QUICK))
+def _compiled(function: Callable[..., Any], symmetric: bool, form: Form) -> Callable[..., Any]:
+    kernel = one_kernel(lambda numbers, *rest: function(symmetric, form.model(numbers), *rest))
+    return jax.jit(kernel, compiler_options=options(QUICK))
 
 
 def _called(function: Callable[..., Any], model: Model, shooting: Shooting, orbit: Orbit) -> Any:
     numbers = Orbit(*(np.asarray(value, float) for value in orbit))
-    return jax.tree.map(np.asarray, _compiled(function, shooting.symmetric)(model, numbers, np.asarray(shooting.steps)))
+    found = _compiled(function, shooting.symmetric, model.form)(model.numbers, numbers, np.asarray(shooting.steps))
+    return jax.tree.map(np.asarray, found)
 
 
 class Linearised(NamedTuple):
@@ -260,11 +288,3 @@ def by_parameters(
 ) -> Float[np.ndarray, "states numbers"]:
     """Derivative of the residual by every number of the model, in the order of its leaves."""
     return _called(_by_parameters, model, shooting, unpack(model, shooting, unknowns))
-
-
-def by_leaves(model: Model, numbers: Float[Array, "numbers"] | Float[np.ndarray, "numbers"]) -> Model:
-    """Numbers in the order of the model's leaves, put in their places."""
-    leaves, structure = jax.tree.flatten(model)
-    sizes = [int(np.prod(np.shape(leaf))) for leaf in leaves]
-    parts = [numbers[end - size : end] for size, end in zip(sizes, np.cumsum(sizes), strict=True)]
-    return structure.unflatten([part.reshape(np.shape(leaf)) for part, leaf in zip(parts, leaves, strict=True)])

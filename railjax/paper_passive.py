@@ -136,7 +136,7 @@ def periodic_response(context: Context) -> Outcome:
 @study("wavelength", "Sensitivity to the assumed wavelength", beyond=True)
 def wavelength_sensitivity(context: Context) -> Outcome:
     """R.m.s. of the car body's acceleration over the wavelength, 6 to 60 m, which the paper does not give."""
-    wavelengths = np.geomspace(6.0, 60.0, 48)
+    wavelengths = np.geomspace(6.0, 60.0, 96)
     speeds = {180: COLOURS[0], 220: COLOURS[1], 250: COLOURS[2]}
     # two sizes, because saturation and flange make the response nonlinear in the amplitude
     with figure(rows=2, height=2.9, share_x=True) as (page, axes):

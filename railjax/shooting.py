@@ -15,7 +15,6 @@ from .orbits import (
     Model,
     Shooting,
     Unknowns,
-    by_leaves,
     by_parameters,
     linearised,
     residual,
@@ -26,8 +25,11 @@ from .typing import Number
 #: Newton goes on until all residuals (of the units above) are below the first, and an orbit counts as closed below the second,
 #: for at a flange's corner Newton creeps
 AIM, CLOSED = 1e-9, 1e-7
-#: Newton gives up after so many steps, or where a step halved so often does not make the residual smaller
+#: Newton gives up after so many steps; one that does not make the residual smaller is halved so often
 MOST_ITERATIONS, MOST_HALVINGS = 16, 6
+#: so often the whole step is taken all the same, where it leads to a residual of less than the second: out of a trap that a flange's
+#: corner between two steps of RK4 can make
+MOST_LEAPS, LEAP = 6, 0.5
 
 
 #: residual and condition of a packed orbit
@@ -75,16 +77,20 @@ def solved(model: Model, shooting: Shooting, problem: Problem, near: Point | Non
         return np.append(residual(model, shooting, x), problem.row @ x - problem.value)
 
     here = problem.guess if near is None else _with_old_jacobian(off, problem, near)
+    leaps = 0
     for count in range(most + 1):
         equations = linearised(model, shooting, here)
         there = np.append(equations.residual, problem.row @ here - problem.value)
         bordered, error = np.vstack([equations.jacobian, problem.row]), float(np.max(np.abs(there)))
         if not error > AIM or count == most:  # NaN is finished
             break
-        step = _shortened(off, here, -solution(bordered, there), error)
-        if step is None:
-            break
-        here = here + step
+        step = -solution(bordered, there)
+        shorter = _shortened(off, here, step, error)
+        if shorter is None:
+            leaps += 1
+            if leaps > MOST_LEAPS or not np.max(np.abs(off(here + step))) < LEAP:
+                break
+        here = here + (step if shorter is None else shorter)
     last = np.zeros(len(here))
     last[-1] = 1.0
     tangent = solution(bordered, last)
@@ -152,7 +158,7 @@ def speed_slopes(model: Model, shooting: Shooting, point: Point) -> Model:
     That of the implicit function, with what the row of the point's problem picks held. At a fold, where the speed is stationary
     along the branch, that is the fold's own.
     """
-    return by_leaves(model, -point.adjoint @ by_parameters(model, shooting, point.unknowns) * SPEED)
+    return model.form.model(-point.adjoint @ by_parameters(model, shooting, point.unknowns) * SPEED)
 
 
 def amplitude_slopes(model: Model, shooting: Shooting, point: Point) -> Model:
@@ -160,7 +166,7 @@ def amplitude_slopes(model: Model, shooting: Shooting, point: Point) -> Model:
     pushed = by_parameters(model, shooting, point.unknowns)
     bordered = np.vstack([point.jacobian, row_of(model, shooting, BY_SPEED)])
     moved = -solution(bordered, np.vstack([pushed, np.zeros(pushed.shape[1])]))
-    return by_leaves(model, moved[model.amplitude_index(shooting.wheelset)] * DISPLACEMENT)
+    return model.form.model(moved[model.amplitude_index(shooting.wheelset)] * DISPLACEMENT)
 
 
 def plane(model: Model, shooting: Shooting, vector: Unknowns) -> tuple[Number, Number]:

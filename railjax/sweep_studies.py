@@ -84,7 +84,7 @@ class NonlinearCriticalSpeed:
     chunk: ClassVar[int] = 64
 
     def __call__(self, vehicle: Vehicle, damper: Damper = PASSIVE) -> dict[str, Array]:
-        """All lanes, one after another on each device."""
+        """All lanes, gathered."""
         found = nonlinear_critical(vehicle, damper=damper, wheelset=self.wheelset, steps=self.steps)
         return {
             "nonlinear_critical_speed": found.speed,
@@ -209,7 +209,7 @@ def each_point(function: Callable[..., Any] | None = None, *, traced: bool = Tru
     ... def study(vehicle, speed): ...
 
     The points are taken one after another, shared out among the devices, by a compiled loop. For what JAX cannot trace (NumPy,
-    `hunting_branch`, a program of one's own) `each_point(traced=False)`: called in Python, on floats, one core; an `executor`
+    `nonlinear_critical`, `hunting_branch`, a program of one's own) `each_point(traced=False)`: called in Python, on floats, one core; an `executor`
     spreads it.
     """
     if function is None:

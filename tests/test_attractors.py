@@ -113,14 +113,14 @@ def test_the_lowest_fold_where_the_hopf_point_is_another_mode_s(stiff):
     assert Hunting(int(found.code)) == Hunting.OK
     assert float(found.linear.speed) * 3.6 == pytest.approx(405.65, abs=0.1)
     assert float(found.linear.frequency) == pytest.approx(6.745, abs=0.01)
-    assert float(found.speed) * 3.6 == pytest.approx(335.81, abs=0.02)
+    assert float(found.speed) * 3.6 == pytest.approx(335.70, abs=0.02)
     assert float(found.frequency) == pytest.approx(4.915, abs=0.01)
 
 
 def test_that_fold_by_simulation(stiff):
     """Large disturbances of many shapes: 1 % above the fold some go on, 1 % below none does."""
     fold = float(railjax.nonlinear_critical_speed(stiff))
-    assert fold * 3.6 == pytest.approx(335.81, abs=0.02)
+    assert fold * 3.6 == pytest.approx(335.70, abs=0.02)
     rng = np.random.default_rng(3)
     model = orbits.model_of(stiff, railjax.motion.PASSIVE)
     starts = np.zeros((model.states, 8))
@@ -144,7 +144,7 @@ def test_that_fold_by_simulation(stiff):
 
 def test_the_diagram_ends_in_the_same_fold(stiff):
     branch = railjax.hunting_branch(stiff)
-    assert branch.fold.speed * 3.6 == pytest.approx(335.806, abs=0.01)
+    assert branch.fold.speed * 3.6 == pytest.approx(335.703, abs=0.01)
     above = [cycle for cycle in branch.pieces[-1] if cycle.speed > 1.02 * branch.fold.speed]
     assert above
     assert all(cycle.stable for cycle in above if cycle.speed < 1.1 * branch.fold.speed)

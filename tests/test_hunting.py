@@ -185,6 +185,30 @@ def test_lyapunov_coefficient_predicts_the_smooth_branch(bogie):
     assert point.speed - float(branch.hopf.speed) == pytest.approx(predicted, rel=0.01)
 
 
+def test_lyapunov_coefficient_where_the_law_has_a_side(bogie, monkeypatch):
+    """Quadratic terms, which vanish in a vehicle alike to both sides but not with every damper: in the plane, where l_1 is known.
+
+    x' = -w y + f, y' = w x + g has r' = a r^3 with 16 a as below (Guckenheimer and Holmes, eq. 3.4.11); r = 2 |z|, so l_1 = 4 a.
+    """
+    from railjax import normal_form
+
+    w, (fxx, fxy, fyy, gxx, gxy, gyy) = 3.0, (0.7, -1.1, 0.4, 0.9, 0.6, -1.3)
+    fxxx, fxyy, gxxy, gyyy = 0.5, -0.2, 0.8, 0.3
+
+    def rate(vehicle, damper, speed, state):
+        x, y = state
+        f = fxx * x**2 / 2 + fxy * x * y + fyy * y**2 / 2 + fxxx * x**3 / 6 + fxyy * x * y**2 / 2
+        g = gxx * x**2 / 2 + gxy * x * y + gyy * y**2 / 2 + gxxy * x**2 * y / 2 + gyyy * y**3 / 6
+        return jnp.stack([-w * y + f, w * x + g])
+
+    monkeypatch.setattr(normal_form, "_rate", rate)
+    monkeypatch.setattr(normal_form, "state_matrix", lambda *_: np.array([[0.0, -w], [w, 0.0]]))
+    smooth = railjax.replace(bogie, contact__law="smooth")
+    found = railjax.first_lyapunov_coefficient(smooth, hopf=railjax.linear.LinearCritical(1.0, w / (2 * np.pi), 1.0, 0))
+    quadratic = fxy * (fxx + fyy) - gxy * (gxx + gyy) - fxx * gxx + fyy * gyy
+    assert found == pytest.approx((fxxx + fxyy + gxxy + gyyy + quadratic / w) / 4, rel=1e-12)
+
+
 def test_lyapunov_coefficient_is_refused_for_the_published_law(bogie):
     with pytest.raises(railjax.InputError, match="smooth"):
         railjax.first_lyapunov_coefficient(bogie)

@@ -32,7 +32,7 @@ def test_entries_of_the_table(ratio, poisson, c11, c22, c23):
 
 
 def test_no_entry_stands_out_from_its_neighbours():
-    """A slip of the pen: each row but the ends against the cubic through the four nearest, in logarithms; all four are within 1 %."""
+    """A slip of the pen: each row but the ends against the cubic through its neighbours, in logarithms; all are within 1 %."""
     at = np.log(kalker._RATIOS)
     for table in (kalker._C11, kalker._C22, kalker._C23, kalker._C33):
         logs = np.log(table)

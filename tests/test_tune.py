@@ -61,6 +61,8 @@ def test_design_space_maps_bounds_and_scales(coach):
         [vehicle.primary.stiffness_x, vehicle.primary.damping_x, vehicle.primary.damping_y, damper.alpha], [2e6, 2e4, 2e4, 0.3]
     )
     np.testing.assert_allclose(space.position([2e6, 2e4, 0.3]), [0.25, 0.5, 1.0], atol=1e-12)
+    np.testing.assert_allclose(space.values(jnp.zeros(3)), [1e6, 0.0, 0.2])
+    np.testing.assert_allclose(space.values(jnp.full(3, 0.5)), [4e6, 2e4, 0.25])
     np.testing.assert_allclose(space.own, [coach.primary.stiffness_x, 0.0, 0.25])
 
 
