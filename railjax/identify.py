@@ -203,6 +203,13 @@ def _adam(problem: Problem, choice: Choice, scale: Scale, starts: Array, iterati
     return jax.vmap(one)(starts)
 
 
+@functools.partial(jax.jit, static_argnums=1)
+def _slopes(problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns) -> tuple[Array, Array]:
+    """The residuals' Jacobian and themselves."""
+    own = functools.partial(residuals, problem, choice, scale)
+    return jax.jacfwd(lambda q: (own(q),) * 2, has_aux=True)(unknowns)
+
+
 def _uncertainty(
     problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "names"], Float[np.ndarray, "names names"]]:
@@ -219,9 +226,7 @@ def _uncertainty(
         values = [jnp.asarray(getattr(damper, name)) for name in own_names]
         return jnp.stack(values + ([mass] if choice.inertia else []))
 
-    own = functools.partial(residuals, problem, choice, scale)
-    jacobian = np.asarray(jax.jit(jax.jacfwd(own))(unknowns))
-    left = np.asarray(jax.jit(own)(unknowns))
+    jacobian, left = (np.asarray(part) for part in _slopes(problem, choice, scale, unknowns))
     counted = np.flatnonzero(np.asarray(problem.weight))
     gradients = np.array(
         [jacobian[block].T @ left[block] for block in np.array_split(counted, max(BLOCKS, 2 * len(unknowns)))],
