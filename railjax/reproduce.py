@@ -41,10 +41,11 @@ Progress = Callable[[str, int, int], None]
 
 
 def studies() -> list[Study]:
-    """All studies, in the order of their definition."""
-    for module in itertools.chain(*GROUPS):
+    """All studies, in the order of their modules and of their definition there, whoever imported them first."""
+    modules = list(itertools.chain(*GROUPS))
+    for module in modules:
         importlib.import_module(module)
-    return list(STUDIES)
+    return sorted(STUDIES, key=lambda study: modules.index(study.run.__module__))
 
 
 def reproduce(

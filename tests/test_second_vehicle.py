@@ -18,7 +18,9 @@ STUDIES = {
     "its gradient": lambda vehicle, speed, damper: jax.grad(
         lambda stiffness: railjax.linear_critical_speed(railjax.replace(vehicle, primary__stiffness_y=stiffness), damper=damper)
     )(np.float64(1e5 * float(speed))),
-    "nonlinear critical speed": lambda vehicle, speed, damper: railjax.nonlinear_critical_speed(vehicle, damper=damper, steps=100),
+    "nonlinear critical speed": lambda vehicle, speed, damper: railjax.nonlinear_critical_speed(
+        vehicle, damper=damper, steps=100
+    ),
     "its gradient by a batch": lambda vehicle, speed, damper: jax.grad(
         lambda mass: jax.numpy.sum(railjax.nonlinear_critical(railjax.replace(vehicle, carbody__mass=mass), steps=100).speed)
     )(jax.numpy.array([600.0, 610.0]) * float(speed)),
