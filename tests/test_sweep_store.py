@@ -129,7 +129,9 @@ def test_a_store_of_another_study_is_refused(coach, tmp_path, changed, message):
 def test_a_release_that_may_compute_other_numbers_is_refused(coach, tmp_path, monkeypatch):
     run(coach, tmp_path / "s.zarr")
     monkeypatch.setattr(sys.modules["railjax.sweep"], "source_of_railjax", lambda: "0123456789abcdef")
-    with pytest.raises(railjax.InputError, match=rf"railjax is .* there and {re.escape(railjax.__version__)} \(0123456789abcdef\) here"):
+    with pytest.raises(
+        railjax.InputError, match=rf"railjax is .* there and {re.escape(railjax.__version__)} \(0123456789abcdef\) here"
+    ):
         run(coach, tmp_path / "s.zarr")
 
 
