@@ -18,9 +18,10 @@ from .deflections import labels, size
 from .kernels import QUICK, one_kernel, options
 from .lanes import CHUNK, cores, in_threads
 from .motion import held, wheelset_shape
-from .orbits import Form, Model, Orbit, Shooting, advanced, pack, state_rates
+from .orbits import Model, Orbit, Shooting, advanced, pack, state_rates
 from .rk4 import rk4_in_loop
 from .shooting import Problem, at_speed
+from .vehicle import Form
 
 #: most periods of simulation; the slowest multiplier of the coach's stable limit cycles is about 0.97
 SETTLING = 60
@@ -165,7 +166,7 @@ def _steps(
 
 @functools.cache
 def _one_period(form: Form) -> Callable[..., tuple[Array, Array]]:
-    kernel = one_kernel(lambda numbers, *rest: _steps(form.model(numbers), *rest))
+    kernel = one_kernel(lambda numbers, *rest: _steps(form.tree(numbers), *rest))
     return jax.jit(kernel, compiler_options=options(QUICK))
 
 

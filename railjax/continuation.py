@@ -176,4 +176,4 @@ def _carried_over(model: Model, shooting: Shooting, other: Model, point: Point) 
 
 def between(one: Model, other: Model, share: float) -> Model:
     """The vehicle at a share of the way from one to another of the same form."""
-    return other if share == 1.0 else one.form.model(one.numbers + share * (other.numbers - one.numbers))
+    return other if share == 1.0 else one.form.tree(one.numbers + share * (other.numbers - one.numbers))

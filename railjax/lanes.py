@@ -17,7 +17,7 @@ from jax.custom_derivatives import SymbolicZero
 from jax.sharding import Mesh, PartitionSpec
 
 from .errors import InputError
-from .kernels import WIDE, one_kernel
+from .kernels import WIDE, one_kernel, options
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -178,8 +178,7 @@ def _stages(
 def _compiled_stages(*arguments: Any) -> tuple[Callable, Callable, Callable]:
     """Three compilations, because only a function without exchange between devices can be one kernel."""
     prepare, work, finish = _stages(*arguments)
-    options = WIDE if jax.default_backend() == "cpu" else None
-    return jax.jit(prepare), jax.jit(_on_devices(one_kernel(work)), compiler_options=options), jax.jit(finish)
+    return jax.jit(prepare), jax.jit(_on_devices(one_kernel(work)), compiler_options=options(WIDE)), jax.jit(finish)
 
 
 def _on_devices(work: Callable) -> Callable:

@@ -28,7 +28,7 @@ from .motion import motion, state_rate, state_size, wheelset_shape
 from .rk4 import rk4_in_loop
 from .step_bound import fastest_rate_on_host
 from .typing import Number, Scalar
-from .vehicle import Vehicle, without_labels
+from .vehicle import Form, Vehicle, numbers_of, without_labels
 
 State = Float[Array, "states"] | Float[np.ndarray, "states"]
 Unknowns = Float[Array, "unknowns"] | Float[np.ndarray, "unknowns"]
@@ -59,15 +59,14 @@ class Model:
     damper: Damper
 
     @functools.cached_property
-    def form(self) -> "Form":
+    def form(self) -> Form:
         """Everything of the model but its numbers."""
-        leaves, structure = jax.tree.flatten(self)
-        return Form(structure, tuple(np.shape(leaf) for leaf in leaves))
+        return Form.of(self)
 
     @functools.cached_property
     def numbers(self) -> Float[np.ndarray, "numbers"]:
         """All numbers, in the order of the leaves."""
-        return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(self)])
+        return numbers_of(self)
 
     @functools.cached_property
     def states(self) -> int:
@@ -110,21 +109,6 @@ class Model:
 def model_of(vehicle: Vehicle, damper: Damper) -> Model:
     """As the search for limit cycles takes it: sharp corners `rounded`, without labels, NumPy's numbers."""
     return jax.tree.map(lambda leaf: np.asarray(leaf, float), Model(without_labels(rounded(vehicle)), damper))
-
-
-class Form(NamedTuple):
-    """How a model is made of its numbers: as one array, since many are slow to hand over and XLA aborts the process on an argument of
-    one kernel for which it finds no use."""
-
-    structure: Any
-    shapes: tuple[tuple[int, ...], ...]
-
-    def model(self, numbers: Any) -> Model:
-        """The model of `numbers` (numbers, *lanes)."""
-        sizes = [math.prod(shape) for shape in self.shapes]
-        parts = [numbers[end - size : end] for size, end in zip(sizes, np.cumsum(sizes), strict=True)]
-        lanes = numbers.shape[1:]
-        return self.structure.unflatten([part.reshape((*shape, *lanes)) for part, shape in zip(parts, self.shapes, strict=True)])
 
 
 class Orbit(NamedTuple):
@@ -230,7 +214,7 @@ def _by_parameters(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> F
     """Derivative of `_section` by every number of the model."""
 
     def along(direction: Float[Array, "numbers"]) -> Float[Array, "states"]:
-        change = model.form.model(direction)
+        change = model.form.tree(direction)
         return jax.jvp(lambda model: _section(symmetric, model, orbit, steps)[0], (model,), (change,))[1]
 
     return jax.vmap(along, in_axes=-1, out_axes=-1)(jnp.eye(sum(math.prod(shape) for shape in model.form.shapes)))
@@ -238,7 +222,7 @@ def _by_parameters(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> F
 
 @functools.cache
 def _compiled(function: Callable[..., Any], symmetric: bool, form: Form) -> Callable[..., Any]:
-    kernel = one_kernel(lambda numbers, *rest: function(symmetric, form.model(numbers), *rest))
+    kernel = one_kernel(lambda numbers, *rest: function(symmetric, form.tree(numbers), *rest))
     return jax.jit(kernel, compiler_options=options(QUICK))
 
 

@@ -158,7 +158,7 @@ def speed_slopes(model: Model, shooting: Shooting, point: Point) -> Model:
     That of the implicit function, with what the row of the point's problem picks held. At a fold, where the speed is stationary
     along the branch, that is the fold's own.
     """
-    return model.form.model(-point.adjoint @ by_parameters(model, shooting, point.unknowns) * SPEED)
+    return model.form.tree(-point.adjoint @ by_parameters(model, shooting, point.unknowns) * SPEED)
 
 
 def amplitude_slopes(model: Model, shooting: Shooting, point: Point) -> Model:
@@ -166,7 +166,7 @@ def amplitude_slopes(model: Model, shooting: Shooting, point: Point) -> Model:
     pushed = by_parameters(model, shooting, point.unknowns)
     bordered = np.vstack([point.jacobian, row_of(model, shooting, BY_SPEED)])
     moved = -solution(bordered, np.vstack([pushed, np.zeros(pushed.shape[1])]))
-    return model.form.model(moved[model.amplitude_index(shooting.wheelset)] * DISPLACEMENT)
+    return model.form.tree(moved[model.amplitude_index(shooting.wheelset)] * DISPLACEMENT)
 
 
 def plane(model: Model, shooting: Shooting, vector: Unknowns) -> tuple[Number, Number]:

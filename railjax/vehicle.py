@@ -8,9 +8,10 @@ Springs and dampers are per side: a bogie has two secondary corners, a wheelset 
 """
 
 import dataclasses
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
@@ -355,6 +356,30 @@ def as_numbers(tree: Any) -> Any:
         return leaf if large else np.asarray(leaf, dtype)
 
     return jax.tree.map(number, tree)
+
+
+class Form(NamedTuple):
+    """What a tree of arrays is made of but its numbers, which a compiled function takes as one array: many are slow to hand over, and XLA
+    aborts the process on an argument of one kernel for which it finds no use."""
+
+    structure: Any
+    shapes: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, tree: Any) -> "Form":
+        leaves, structure = jax.tree.flatten(tree)
+        return cls(structure, tuple(np.shape(leaf) for leaf in leaves))
+
+    def tree(self, numbers: Any) -> Any:
+        """The tree of `numbers` (numbers, *lanes), NumPy's or JAX's."""
+        sizes, lanes = [math.prod(shape) for shape in self.shapes], numbers.shape[1:]
+        parts = [numbers[end - size : end] for size, end in zip(sizes, np.cumsum(sizes), strict=True)]
+        return self.structure.unflatten([part.reshape((*shape, *lanes)) for part, shape in zip(parts, self.shapes, strict=True)])
+
+
+def numbers_of(tree: Any) -> np.ndarray:
+    """All numbers of a tree as one array, in the order of its leaves."""
+    return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(tree)])
 
 
 @jax.tree_util.register_dataclass
