@@ -1,294 +1,281 @@
-"""Where eigenvalues of E(v) first cross the imaginary axis, for many vehicles at once and without LAPACK: all is matrix products.
+"""The lowest speed at which an eigenvalue of E(v) crosses the imaginary axis, with a proof that none does below it.
 
-The Cayley transform C = (sI + E)(sI - E)^-1 takes the left half plane into the unit circle, so that |C^N| < 1, for any norm and any N,
-proves E stable; N = 2^k costs k products. Along a grid of speeds each lane is followed up to the first speed where that proof
-fails. There C^N is all but of rank 2, its columns and rows being the right and left eigenvectors of the fastest growing pair:
-two-sided Rayleigh quotient iteration with Newton's method for the speed, v <- v - Re(lambda)/Re(dlambda/dv), takes that pair to the axis.
-At last the pair is taken out of C (C - sum c x w^T, with c its eigenvalue and w^T x = 1) and what remains is proved stable likewise; where it
-is not, its fastest growing pair is the next to be taken to the axis. Lanes that end without proof are marked, for a
-slower method.
+Creep damps with 1/v and rolling wheelsets turn with v, so E = A + s B + v G at the slowness s = 1/v: three matrices are all speeds.
+Speed by speed the search proves an interval stable and steps to its end. At a centre s_0 with eigenvectors X and W = X^-1,
+
+    W E X (I + dS) = (I + dS)(Lambda + dD) + dF + d^2 N,    d = s - s_0, W E_1 X = D + off-diagonals,
+
+where S moves the eigenvectors to first order wherever two eigenvalues lie far enough apart (else the off-diagonal stays in F). All
+eigenvalues are in the left half plane over the whole interval if Lambda + dD outweighs what is left, measured entry by entry:
+if a certain matrix of absolute values is an M-matrix (Gershgorin's discs with the best weights). Intervals shrink where that
+fails and grow where it holds; ahead of a crossing they end just before it, ever closer, and Newton's method then finds it.
+
+The same array code runs in NumPy, for many lanes in step, and inside a function that JAX compiles.
 """
 
-import functools
-from collections.abc import Callable
-from typing import NamedTuple
+import contextlib
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Complex, Float, Int
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float
 
-#: lanes worked on together: their matrices stay in the second cache
-TOGETHER = 16
+#: relative length of the first interval to either side of its centre, the longest, and the shortest
+FIRST, LONGEST, SHORTEST = 0.12, 0.45, 1e-7
+#: of the way to a crossing, what the first interval before it leaves out; less and less, by squares
+SHARE = 0.3
+#: relative distance from a crossing up to which stability is proved
+NEAR = 1e-6
+#: eigenvalues further apart than this many times their coupling may be told apart to first order
+APART = 8.0
+#: share of the proof's reserve that an interval should use, and how lengths shrink where they prove too long
+AIM, SHRINKING = 0.5, 0.6
+#: |lambda| (1/s) of an eigenvalue that is zero at all speeds (a defective pair is rounded to some 1e-6), and the real part of a mode
+#: that is undamped at all speeds
+ZERO, UNDAMPED = 1e-4, 1e-9
+#: intervals tried at most, and what is stepped over without proof where not even the shortest can be proved, relative
+MOST, LEAP = 600, 1e-3
+#: Newton's steps to the crossing, and the largest last one, relative; its error is the square of that
+POLISHING, RESOLVED = 3, 1e-6
 
-#: s of the Cayley transform, rad/s: a mode decays quickest in it where |lambda| = s; lightly damped ones lie at 1 to 50
-CAYLEY = 25.0
-
-#: squarings that may be spent on the proof at a grid speed, and for the eigenvectors and the proof at the crossing
-SCAN, FULL = 20, 22
-
-#: largest last step in speed, relative, and residual of the eigenpair
-TOLERANCE = 1e-6
-
-#: steps of Rayleigh quotient and Newton; modes taken to the axis one after another
-STEPS, ROUNDS = 7, 6
-
-#: |C^N| beyond this is growth, not a transient
-GROWN = 1e6
-
-#: log |C^N| at which the fastest growing pair has left the others behind
-SEPARATED = 1e3
-
-#: E of the lanes with these indices at these speeds
-Matrices = Callable[[Int[Array, "k"], Float[Array, "k"]], Float[Array, "k states states"]]
+Numbers = Float[Array | np.ndarray, "lanes"]
+Flags = Bool[Array | np.ndarray, "lanes"]
+Square = Float[Array | np.ndarray, "lanes n n"]
 
 
 class Crossing(NamedTuple):
     """A pair of eigenvalues +-i omega at the speed v (m/s), its dlambda/dv and its vectors, w^T x = 1."""
 
-    speed: Float[Array, "*lanes"]
-    omega: Float[Array, "*lanes"]
-    by_speed: Complex[Array, "*lanes"]
-    right: Complex[Array, "*lanes states"]
-    left: Complex[Array, "*lanes states"]
+    speed: Float[Array | np.ndarray, "*lanes"]
+    omega: Float[Array | np.ndarray, "*lanes"]
+    by_speed: Complex[Array | np.ndarray, "*lanes"]
+    right: Complex[Array | np.ndarray, "*lanes states"]
+    left: Complex[Array | np.ndarray, "*lanes states"]
 
 
-def inverse(a: Array) -> Array:
-    """Inverses of matrices (k, m, m) by Gauss-Jordan elimination without a search for pivots; the caller checks what it does."""
-    a = jnp.moveaxis(a, 0, -1)  # lanes last, so that they fill the vector registers
-    index = jnp.arange(a.shape[0])
+class Outcome(NamedTuple):
+    """What was found in each lane, beside the crossing."""
 
-    def eliminate(k: Array, a: Array) -> Array:
-        here = (index == k)[:, None]
-        row, column = a[k], a[:, k]
-        reciprocal = 1.0 / row[k]
-        row = jnp.where(here, reciprocal, row * reciprocal)
-        others = jnp.where(here[None], 0.0, a) - column[:, None] * row[None]
-        return jnp.where(here[:, None], row[None], others)
-
-    return jnp.moveaxis(jax.lax.fori_loop(0, a.shape[0], eliminate, a), -1, 0)
+    crossed: Flags
+    unstable: Flags  # at the lowest speed already
+    proved: Flags  # that nothing crosses below, or at all
+    failed: Flags
 
 
-def resolvent(matrix: Float[Array, "k states states"], shift: Array, coordinates: int) -> Array:
-    """(E - sI)^-1, with the velocities p = sq + a eliminated first: only a matrix of the size of q and the internal states is left."""
-    n, states = coordinates, matrix.shape[-1]
-    s = shift[:, None, None]
-    q, p, z = slice(n), slice(n, 2 * n), slice(2 * n, None)
-    below, unit = slice(n, None), jnp.eye(states - n)
-    by_p = matrix[:, below, p] - s * unit[:, :n]
-    dynamic = jnp.concatenate([matrix[:, below, q] + s * by_p, matrix[:, below, z] - s * unit[:, n:]], axis=2)
-    solved = inverse(dynamic)
-    rows = jnp.concatenate([-solved @ by_p, solved], axis=2)  # of q, then of the internal states
-    return jnp.concatenate([rows[:, :n], s * rows[:, :n] + jnp.eye(n, states), rows[:, n:]], axis=1)
+class Pencil(NamedTuple):
+    """E(v) = A + B/v + G v; G is None where the wheelsets' spin is left out."""
+
+    constant: Square
+    by_slowness: Square
+    by_speed: Square | None
 
 
-def scales(states: int, coordinates: int) -> Float[Array, "states"]:
-    """Displacements against velocities, so that a norm is not that of the units."""
-    return jnp.where(jnp.arange(states) < coordinates, CAYLEY, 1.0)
+class Search(NamedTuple):
+    """How far the search of each lane has come; slownesses in s/m."""
+
+    proved: Numbers  # stable from the lowest speed to here
+    length: Numbers  # of the next interval, to either side of its centre
+    ahead: Numbers  # where the nearest crossing seems to be; -inf for none
+    share: Numbers  # of the way to that crossing, what the next interval leaves out
+    gaps: Flags  # something on the way could not be proved
+    crossed: Flags
+    done: Flags
 
 
-def _squared(
-    matrix: Float[Array, "k states states"],
-    coordinates: int,
-    most: int,
-    decided: Callable[[Array], Array],
-    removed: Float[Array, "k states states"] | float = 0.0,
-) -> tuple[Float[Array, "k states states"], Float[Array, "k"]]:
-    """C^N, scaled to norm 1, and log |C^N|, squared until every lane's logarithm is decided, `most` times at most; C without
-    what is to be removed from it."""
-    states = matrix.shape[-1]
-    scale = scales(states, coordinates)
-    shift = jnp.full(matrix.shape[0], CAYLEY)
-    cayley = -jnp.eye(states) - 2.0 * CAYLEY * resolvent(matrix, shift, coordinates) - removed
-    cayley = cayley * (scale[:, None] / scale)
-
-    def scaled(power: Array, logarithm: Array) -> tuple[Array, Array]:
-        norm = jnp.sqrt(jnp.sum(power**2, axis=(1, 2)))
-        return power / norm[:, None, None], logarithm + jnp.log(norm)
-
-    def more(carry: tuple[Array, Array, Array]) -> Array:
-        count, _, logarithm = carry
-        return (count < most) & ~jnp.all(decided(logarithm) | ~jnp.isfinite(logarithm))
-
-    def square(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        count, power, logarithm = carry
-        return count + 1, *scaled(power @ power, 2.0 * logarithm)
-
-    start = scaled(cayley, jnp.zeros_like(shift))
-    _, power, logarithm = jax.lax.while_loop(more, square, (jnp.array(0), *start))
-    return power * (scale / scale[:, None]), logarithm
+def speeds_of(lowest: Any, highest: Any) -> tuple:
+    """Three speeds (m/s) at which E is wanted for `pencil`."""
+    return lowest, 2.0 / (1.0 / lowest + 1.0 / highest), highest
 
 
-def growth(matrix: Float[Array, "k states states"], coordinates: int) -> Float[Array, "k"]:
-    """log |C^N|: below 0 the matrix is proved stable, above log(GROWN) unstable, between them it is not known."""
-    return _squared(matrix, coordinates, SCAN, lambda log: (log < 0.0) | (log > jnp.log(GROWN)))[1]
+def pencil(at: Any, speeds: tuple, gyroscopic: bool) -> Pencil:
+    """A, B and G from E at the three speeds, (3, lanes, n, n)."""
+    v = speeds
+    if not gyroscopic:
+        by_slowness = (at[0] - at[2]) / (1.0 / v[0] - 1.0 / v[2])
+        return Pencil(at[2] - by_slowness / v[2], by_slowness, None)
+    # divided differences of v E = B + A v + G v^2
+    first, second = (v[1] * at[1] - v[0] * at[0]) / (v[1] - v[0]), (v[2] * at[2] - v[1] * at[1]) / (v[2] - v[1])
+    by_speed = (second - first) / (v[2] - v[0])
+    constant = first - (v[0] + v[1]) * by_speed
+    return Pencil(constant, v[0] * (at[0] - constant - v[0] * by_speed), by_speed)
 
 
-def _dominant(
-    matrix: Float[Array, "k states states"], power: Float[Array, "k states states"]
-) -> tuple[Complex[Array, "k"], Complex[Array, "k states"], Complex[Array, "k states"]]:
-    """Eigenvalue, right and left vectors of the pair that C^N has left over."""
-    states = matrix.shape[-1]
-    # two columns, and two rows, as a power without structure of its own mixes them
-    mixed = jnp.cos(jnp.arange(2 * states) ** 2 * 1.0).reshape(states, 2)
-    right, left = power @ mixed, jnp.swapaxes(power, 1, 2) @ mixed
-    gram = jnp.swapaxes(left, 1, 2) @ right
-    image = jnp.swapaxes(left, 1, 2) @ (matrix @ right)
-    # the quadratic det(image - lambda gram) = 0
-    two, one, zero = _determinant(gram, gram), -_mixed(image, gram), _determinant(image, image)
-    root = jnp.sqrt((one**2 - 4.0 * two * zero).astype(complex))
-    root = jnp.where(two > 0, root, -root)  # the larger real part, or the positive imaginary one
-    value = (-one + root) / (2.0 * two)
-    pencil = image - value[:, None, None] * gram
-    column = jnp.stack([-pencil[:, 0, 1], pencil[:, 0, 0]], axis=1)
-    row = jnp.stack([-pencil[:, 1, 0], pencil[:, 0, 0]], axis=1)
-    x, w = jnp.einsum("kij,kj->ki", right, column), jnp.einsum("kij,kj->ki", left, row)
-    return value, x, w
+class _Modes(NamedTuple):
+    values: Any  # (lanes, n)
+    right: Any  # X
+    left: Any  # W
+    moved: Any  # W dE/ds X
+    turning: Any  # |W G X|, or None
+    neutral: Any  # zero or undamped at all speeds, but for rounding
+
+    @property
+    def drift(self) -> Any:
+        """dlambda/ds."""
+        return self.moved.diagonal(axis1=-2, axis2=-1)
 
 
-def _determinant(a: Array, b: Array) -> Array:
-    return a[:, 0, 0] * b[:, 1, 1] - a[:, 0, 1] * b[:, 1, 0]
+def _modes(of: Pencil, s: Any, xp: ModuleType) -> _Modes:
+    by_s, slowness = of.by_slowness, s[:, None, None]
+    matrix, turning = of.constant + slowness * by_s, None
+    if of.by_speed is not None:
+        matrix, by_s = matrix + of.by_speed / slowness, by_s - of.by_speed / slowness**2
+    values, x = xp.linalg.eig(matrix)
+    w = _each_or_nan(xp.linalg.inv, xp, x)
+    if of.by_speed is not None:
+        turning = xp.abs(w @ of.by_speed @ x)
+    modes = _Modes(values, x, w, w @ by_s @ x, turning, None)
+    least = xp.where(xp.abs(values) < ZERO, ZERO, UNDAMPED)
+    return modes._replace(neutral=(xp.abs(values.real) < least) & (s[:, None] * xp.abs(modes.drift.real) < least))
 
 
-def _mixed(a: Array, b: Array) -> Array:
-    return a[:, 0, 0] * b[:, 1, 1] + b[:, 0, 0] * a[:, 1, 1] - a[:, 0, 1] * b[:, 1, 0] - b[:, 0, 1] * a[:, 1, 0]
+def _each_or_nan(function: Any, xp: ModuleType, *arrays: Any) -> Any:
+    """A function of stacked matrices with NaN for singular ones, which NumPy refuses all together."""
+    if xp is not np:
+        return function(*arrays)
+    try:
+        return function(*arrays)
+    except np.linalg.LinAlgError:
+        found = np.full_like(arrays[-1], np.nan)
+        for lane in range(len(found)):
+            with contextlib.suppress(np.linalg.LinAlgError):
+                found[lane] = function(*(array[lane] for array in arrays))
+        return found
 
 
-def _to_axis(
-    at: Callable[[Float[Array, "k"]], tuple[Array, Array]],
-    coordinates: int,
-    speed: Float[Array, "k"],
-    start: tuple[Array, Array, Array],
-    bounds: tuple[Float[Array, "k"], Float[Array, "k"]],
-) -> tuple[Crossing, Bool[Array, "k"]]:
-    """Follow an eigenpair to the axis; also whether it got there, rising."""
-
-    def step(carry: tuple, _: None) -> tuple[tuple, tuple]:
-        speed, shift, x, w = carry
-        matrix, by_speed = at(speed)
-        solve = resolvent(matrix, shift, coordinates)
-        x, w = jnp.einsum("kij,kj->ki", solve, x), jnp.einsum("kji,kj->ki", solve, w)
-        x = x / jnp.sqrt(jnp.sum(jnp.abs(x) ** 2, axis=1, keepdims=True))
-        w = w / jnp.sum(w * x, axis=1, keepdims=True)
-        value = jnp.einsum("ki,kij,kj->k", w, matrix, x)
-        slope = jnp.einsum("ki,kij,kj->k", w, by_speed, x)
-        newton = -value.real / slope.real
-        moved = jnp.clip(speed + newton, *bounds)
-        # where the eigenvalue will be there; a little beside it, so that the matrix is not singular
-        shift = value + slope * (moved - speed)
-        shift = shift + 1e-9 * CAYLEY
-        defect = scale * (jnp.einsum("kij,kj->ki", matrix, x) - value[:, None] * x)
-        residual = jnp.sqrt(jnp.sum(jnp.abs(defect) ** 2, axis=1) / jnp.sum(jnp.abs(scale * x) ** 2, axis=1))
-        sound = (jnp.abs(newton) < TOLERANCE * speed) & (residual < TOLERANCE * CAYLEY) & (slope.real > 0.0)
-        return (moved, shift, x, w), (slope, sound)
-
-    scale = scales(start[1].shape[1], coordinates)
-    (moved, shift, x, w), (slope, sound) = jax.lax.scan(step, (speed, *start), length=STEPS)
-    return Crossing(moved, jnp.abs(shift.imag), slope[-1], x, w), sound[-1]
+def _proved(modes: _Modes, curved: Any, lower: Any, upper: Any, xp: ModuleType) -> Any:
+    """Whether all eigenvalues of Lambda + d M + d^2 R, |R| <= `curved`, are in the left half plane for d in [-lower, upper]; and what
+    share of that proof's reserve (0 to 1) it uses up."""
+    values, drift = modes.values, modes.drift
+    eye = xp.eye(values.shape[-1], dtype=bool)
+    off = xp.where(eye, 0.0, modes.moved)
+    size = xp.abs(off)
+    d = xp.maximum(lower, upper)[:, None, None]
+    gap = values[:, None, :] - values[:, :, None]
+    # the geometric mean does not depend on the vectors' lengths
+    apart = ~eye & (xp.abs(gap) > APART * d * xp.sqrt(size * xp.swapaxes(size, 1, 2)))
+    s = xp.where(apart, off / xp.where(apart, gap, 1.0), 0.0)
+    second = xp.abs(off @ s - s * (drift[:, None, :] - drift[:, :, None]))
+    turned = d * xp.abs(s)
+    rest = d * xp.where(apart, 0.0, size) + d**2 * second
+    if curved is not None:
+        rest = rest + d**2 * (curved + curved @ turned)
+    # the slowest decay within the interval; what is neutral at all speeds is set aside
+    real = xp.maximum((values - lower[:, None] * drift).real, (values + upper[:, None] * drift).real)
+    decay = xp.where(modes.neutral, 1.0, -real)
+    comparison = (eye - turned) - rest / decay[:, None, :]
+    weights = _each_or_nan(xp.linalg.solve, xp, comparison, xp.ones((*values.shape, 1)))
+    again = _each_or_nan(xp.linalg.solve, xp, comparison, weights)
+    used = 1.0 - 1.0 / xp.max(again / weights, axis=(1, 2))  # its spectral radius, by Collatz and Wielandt
+    return (decay > 0.0).all(axis=1) & (weights > 0.0).all(axis=(1, 2)), used  # False for NaN
 
 
-def _in_pieces(
-    selected: Bool[Array, "lanes"], work: Callable[[Int[Array, "k"], tuple], tuple], carry: tuple, piece: int
-) -> tuple:
-    """`carry` after `work(indices, carry)` for all selected lanes, `piece` at a time (some twice, to fill the last)."""
-    order = jnp.argsort(~selected, stable=True)
-    pieces = (jnp.sum(selected) + piece - 1) // piece
-    return jax.lax.fori_loop(0, pieces, lambda i, c: work(jax.lax.dynamic_slice(order, (i * piece,), (piece,)), c), carry)
+def _advance(of: Pencil, end: Any, search: Search, xp: ModuleType) -> Search:
+    """One more interval tried, in every lane; `end` is the slowness (s/m) of the highest speed."""
+    proved = search.proved
+    length = xp.minimum(search.length, 0.5 * (proved - xp.maximum(search.ahead, end)))
+    length = xp.maximum(length, SHORTEST * proved)
+    centre = xp.maximum(proved - length, end)
+    modes = _modes(of, centre, xp)
+    # how far each eigenvalue is from the axis, going up in speed
+    real = xp.where(modes.neutral, -xp.inf, modes.values.real)
+    rising = (modes.drift.real < 0.0) & ~modes.neutral
+    way = xp.min(xp.where(rising, real / xp.where(rising, modes.drift.real, 1.0), xp.inf), axis=1)
+    stable = xp.max(real, axis=1) < 0.0  # False for NaN
+    lower = xp.clip((1.0 - search.share) * way, 0.0, xp.minimum(length, centre - end))
+    curved = None
+    if modes.turning is not None:  # v - v_0 = -v_0^2 d + v v_0^2 d^2
+        curved = modes.turning / (centre**2 * (centre - lower))[:, None, None]
+    holds, used = _proved(modes, curved, lower, proved - centre, xp)
+    holds = stable & holds
+    short = ~holds & (length <= 2.0 * SHORTEST * proved)
+    leap = short & stable
+    foreseen = xp.where(stable, centre - way, search.ahead)
+    before = xp.where(holds, centre - lower, proved)  # up to here all is stable
+    near = (holds & (foreseen > end) & (before - foreseen <= NEAR * before)) | (short & ~stable)
+    limited = holds & (lower < length) & (before > end)
+    reached = xp.where(leap, xp.maximum(proved * (1.0 - LEAP), end), before)
+    growing = xp.clip(xp.sqrt(AIM / xp.maximum(used, 0.01)), 0.7, 2.0)  # what is left over grows with the square of the length
+    return Search(
+        proved=reached,
+        length=xp.where(holds, xp.where(limited, length, xp.minimum(growing * length, LONGEST * reached)), SHRINKING * length),
+        ahead=xp.where(short, xp.where(leap, -xp.inf, centre), foreseen),
+        share=xp.where(limited, search.share**2, xp.where(holds, SHARE, xp.sqrt(search.share))),
+        gaps=search.gaps | leap,
+        crossed=search.crossed | near,
+        done=search.done | near | (reached <= end),
+    )
 
 
-def first_unproved(matrices: Matrices, lanes: int, coordinates: int, speeds: Float[Array, "points"]) -> tuple[Array, Array]:
-    """Index of the first speed at which stability is not proved (the number of speeds where there is none), and log |C^N| there."""
-    points, piece = speeds.shape[0], min(TOGETHER, lanes)
-
-    def at_speed(carry: tuple) -> tuple:
-        point, first, last = carry
-
-        def check(index: Array, carry: tuple) -> tuple:
-            first, last = carry
-            log = growth(matrices(index, jnp.full(piece, speeds[point])), coordinates)
-            fresh = first[index] == points
-            proved = log < 0.0  # False for NaN
-            return (
-                first.at[index].set(jnp.where(fresh & ~proved, point, first[index])),
-                last.at[index].set(jnp.where(fresh, log, last[index])),
-            )
-
-        return point + 1, *_in_pieces(first == points, check, (first, last), piece)
-
-    start = jnp.array(0), jnp.full(lanes, points), jnp.zeros(lanes)
-    _, first, last = jax.lax.while_loop(lambda carry: (carry[0] < points) & jnp.any(carry[1] == points), at_speed, start)
-    return first, last
+def _start(of: Pencil, begin: Any, xp: ModuleType) -> tuple[Search, Outcome]:
+    """Before the first interval; lanes that end at once, because they are unstable at the lowest speed or not finite, are done."""
+    modes = _modes(of, begin, xp)
+    growth = xp.max(xp.where(modes.neutral, -xp.inf, modes.values.real), axis=1)
+    none = xp.zeros(begin.shape, bool)
+    failed, unstable = ~xp.isfinite(modes.values).all(axis=1), growth > 0.0
+    search = Search(
+        begin, FIRST * begin, xp.full(begin.shape, -xp.inf), xp.full(begin.shape, SHARE), none, ~failed & none, failed | unstable
+    )
+    return search, Outcome(none, unstable, none, failed)
 
 
-def crossings(
-    matrices: Matrices,
-    lanes: int,
-    coordinates: int,
-    wanted: Bool[Array, "lanes"],
-    low: Float[Array, "lanes"],
-    high: Float[Array, "lanes"],
-) -> tuple[Crossing, Bool[Array, "lanes"]]:
-    """The crossing between `low` and `high` m/s at which all other eigenvalues are in the left half plane, and whether it was found."""
-    piece = min(TOGETHER, lanes)
-
-    def work(index: Array, carry: tuple) -> tuple:
-        found, proved = _proved_crossing(functools.partial(matrices, index), coordinates, low[index], high[index])
-        crossing, all_proved = carry
-        return jax.tree.map(lambda all, new: all.at[index].set(new), crossing, found), all_proved.at[index].set(proved)
-
-    states = jax.eval_shape(matrices, jnp.zeros(1, int), jnp.zeros(1)).shape[-1]
-    vectors = jnp.zeros((lanes, states), complex)
-    nothing = Crossing(jnp.zeros(lanes), jnp.zeros(lanes), jnp.zeros(lanes, complex), vectors, vectors)
-    return _in_pieces(wanted, work, (nothing, jnp.zeros(lanes, bool)), piece)
-
-
-def _proved_crossing(
-    matrix_at: Callable[[Float[Array, "k"]], Float[Array, "k states states"]],
-    coordinates: int,
-    low: Float[Array, "k"],
-    high: Float[Array, "k"],
-) -> tuple[Crossing, Bool[Array, "k"]]:
-    def at(speed: Float[Array, "k"]) -> tuple[Float[Array, "k states states"], Float[Array, "k states states"]]:
-        return jax.jvp(matrix_at, (speed,), (jnp.ones_like(speed),))
-
-    margin = 1e-3 * (high - low)
-    bounds = low - margin, high + margin
-
-    def unproved(carry: tuple) -> Array:
-        count, _, _, proved = carry
-        return (count <= ROUNDS) & ~jnp.all(proved)
-
-    def one_round(carry: tuple) -> tuple:
-        count, found, sound, proved = carry
-        matrix, _ = at(found.speed)
-        power, log = _squared(matrix, coordinates, FULL, lambda log: (log < 0.0) | (log > SEPARATED), _share(found))
-        proved = proved | (sound & (log < 0.0))
-
-        def next_mode() -> tuple[Crossing, Array]:
-            new, sound = _to_axis(at, coordinates, found.speed, _dominant(matrix, power), bounds)
-            choose = lambda old, new: jnp.where(proved.reshape((-1,) + (1,) * (old.ndim - 1)), old, new)  # noqa: E731
-            return jax.tree.map(choose, found, new), proved | sound
-
-        found, sound = jax.lax.cond(jnp.all(proved), lambda: (found, sound), next_mode)
-        return count + 1, found, sound, proved
-
-    zero, no = jnp.zeros((*high.shape, matrix_at(high).shape[-1]), complex), jnp.zeros_like(high, bool)
-    start = Crossing(high, jnp.zeros_like(high), jnp.zeros_like(high, complex), zero, zero)
-    _, found, _, proved = jax.lax.while_loop(unproved, one_round, (jnp.array(0), start, no, no))
-    return found, proved
+def _end(of: Pencil, end: Any, search: Search, outcome: Outcome, xp: ModuleType) -> tuple[Crossing, Outcome]:
+    """Newton's method from where the crossing was foreseen, on the eigenvalue nearest to the axis there."""
+    s = start = xp.where(search.crossed, search.ahead, end)
+    follow = None
+    for _ in range(POLISHING):
+        modes = _modes(of, s, xp)
+        real = xp.where(modes.neutral, -xp.inf, modes.values.real)
+        distance = -real if follow is None else xp.abs(modes.values - follow[:, None])
+        which = xp.argmin(distance, axis=1)[:, None]
+        value, drift = (xp.take_along_axis(of_all, which, axis=1)[:, 0] for of_all in (modes.values, modes.drift))
+        step = -value.real / drift.real
+        taken = xp.where(search.crossed & (xp.abs(step) < LEAP * s), step, 0.0)  # not NaN, and not far away
+        follow = 1j * (value + drift * taken).imag
+        s = s + taken
+    right = xp.take_along_axis(modes.right, which[:, None, :], axis=2)[:, :, 0]
+    left = xp.take_along_axis(modes.left, which[:, :, None], axis=1)[:, 0, :]
+    sound = (xp.abs(step) <= RESOLVED * s) & (xp.abs(s - start) <= 10.0 * LEAP * start) & (drift.real < 0.0)
+    lost = ~search.done | (search.crossed & ~sound)
+    speed = xp.where(search.crossed, 1.0 / s, xp.inf)
+    crossing = Crossing(speed, xp.abs(follow.imag), -(s**2) * drift, right, left)
+    failed = outcome.failed | lost
+    return crossing, Outcome(search.crossed & ~failed, outcome.unstable, ~search.gaps & ~failed, failed)
 
 
-def _share(found: Crossing) -> Float[Array, "k states states"]:
-    """What the pair contributes to the Cayley transform: c x w^T and its conjugate, or, of a real eigenvalue, c x w^T alone."""
-    value = 1j * found.omega
-    cayley = (CAYLEY + value) / (CAYLEY - value)
-    times = jnp.where(found.omega > TOLERANCE * CAYLEY, 2.0, 1.0)
-    return jnp.real((times * cayley)[:, None, None] * found.right[:, :, None] * found.left[:, None, :])
+def lowest_crossing(of: Pencil, lowest: Any, highest: Any) -> tuple[Crossing, Outcome]:
+    """For lanes on the first axis, between two speeds (m/s), in NumPy: lanes that are done are dropped from the work."""
+    good = np.isfinite(sum(part.sum(axis=(1, 2)) for part in of if part is not None))
+    of = Pencil(*(None if part is None else np.where(good[:, None, None], part, -np.eye(part.shape[-1])) for part in of))
+    begin, end = np.full(len(good), 1.0 / lowest), 1.0 / highest
+    with np.errstate(all="ignore"):
+        search, outcome = _start(of, begin, np)
+        outcome = outcome._replace(failed=outcome.failed | ~good)
+        search = search._replace(done=search.done | ~good)
+        for _ in range(MOST):
+            left = np.flatnonzero(~search.done)
+            if not len(left):
+                break
+            here, those = (type(tree)(*(part if part is None else part[left] for part in tree)) for tree in (of, search))
+            for whole, new in zip(search, _advance(here, end, those, np), strict=True):
+                whole[left] = new
+        return _end(of, end, search, outcome, np)
 
 
-def one_by_one(selected: Bool[Array, "lanes"], function: Callable[[Array], tuple], carry: tuple) -> tuple:
-    """`carry` (lanes first) with `function(index)` in place of what stood there, for all selected lanes."""
+def lowest_crossing_compiled(of: Pencil, lowest: Any, highest: Any) -> tuple[Crossing, Outcome]:
+    """The same inside a function that JAX compiles, for one lane or few: all go on until the last is done."""
+    search, outcome = _start(of, jnp.full(of.constant.shape[0], 1.0 / lowest), jnp)
+    end = 1.0 / highest
 
-    def work(index: Int[Array, "1"], carry: tuple) -> tuple:
-        return jax.tree.map(lambda all, new: all.at[index[0]].set(new), carry, function(index[0]))
+    def unfinished(carry: tuple) -> Array:
+        count, search = carry
+        return (count < MOST) & ~jnp.all(search.done)
 
-    return _in_pieces(selected, work, carry, 1)
+    def onward(carry: tuple) -> tuple:
+        count, search = carry
+        new = _advance(of, end, search, jnp)
+        return count + 1, jax.tree.map(lambda old, new: jnp.where(search.done, old, new), search, new)
+
+    _, search = jax.lax.while_loop(unfinished, onward, (jnp.array(0), search))
+    return _end(of, end, search, outcome, jnp)

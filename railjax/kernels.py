@@ -41,9 +41,9 @@ def options(chosen: dict[str, int]) -> dict[str, int] | None:
     return chosen if jax.default_backend() == "cpu" else None
 
 
-#: eigenvalues with right, and with left and right eigenvectors: each a function of its own, because within one of some thousand
-#: operations XLA (JAX 0.12) loses what kind of call LAPACK's is and refuses it
-eig, eig_both = jax.jit(jnp.linalg.eig), jax.jit(jax.lax.linalg.eig)
+#: eigenvalues with right eigenvectors: a function of its own, because within one of some thousand operations XLA (JAX 0.12) loses what
+#: kind of call LAPACK's is and refuses it
+eig = jax.jit(jnp.linalg.eig)
 
 
 #: bytes that the folder of compiled code may hold when a process begins; some 30 kB a program
