@@ -36,18 +36,19 @@ def hunting(
     index = None if wheelset is None else wheelset - 1
     with working(f"limit cycles of {loaded.name}"):
         branch = hunting_branch(loaded, highest_speed=highest, wheelset=index, steps=steps)
-    slow = None
+    isolated, slow = branch.criticality == "isolated", None
     if ramp:
         with working(f"slow ramp of {loaded.name}"):
-            slow = speed_ramp(loaded, 0.98 * branch.speed.min(), 1.05 * float(branch.hopf.speed), wheelset=index)
+            top = branch.speed.max() if isolated else 1.05 * float(branch.hopf.speed)
+            slow = speed_ramp(loaded, 0.98 * branch.speed.min(), float(top), wheelset=index)
     fold = branch.fold
     fitted = calibrated(loaded)
     content = {
         "vehicle": loaded.name,
-        "hopf_kmh": float(branch.hopf.speed) * KMH,
-        "hopf_frequency_hz": float(branch.hopf.frequency),
+        "hopf_kmh": None if isolated else float(branch.hopf.speed) * KMH,
+        "hopf_frequency_hz": None if isolated else float(branch.hopf.frequency),
         "criticality": branch.criticality,
-        "slope_at_hopf_kmh_per_mm": branch.slope_at_hopf * KMH * 1e-3,
+        "slope_at_hopf_kmh_per_mm": None if isolated else branch.slope_at_hopf * KMH * 1e-3,
         "lyapunov_per_s": branch.lyapunov,
         "fold_kmh": None if fold is None else fold.speed * KMH,
         "fold_amplitude_mm": None if fold is None else fold.amplitude * 1e3,

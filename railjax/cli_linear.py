@@ -63,33 +63,39 @@ def critical_speed(
 
     Example: railjax critical-speed coach --nonlinear --json
     """
-    from .linear import linear_critical_speed
+    from .linear import HIGHEST, Stability, linear_critical, linear_critical_speed
     from .modes import modes as compute
     from .units import KMH
 
     check_out(out, *PICTURES)
     loaded = load(vehicle)
-    speed = float(linear_critical_speed(loaded))
+    linear = linear_critical(loaded)
+    # without a linear critical speed limit cycles may exist all the same
+    stable = int(linear.code) == Stability.STABLE
+    speed = HIGHEST if stable and nonlinear else float(linear_critical_speed(loaded))
     critical = compute(loaded, speed)
     fitted = calibrated(loaded)
     found, described = _nonlinear(loaded) if nonlinear else ({}, [])
     content = {
         "vehicle": loaded.name,
-        "linear_kmh": speed * KMH,
-        "frequency_hz": float(critical.frequency[0]),
-        "mode": critical.names[0],
+        "linear_kmh": None if stable else speed * KMH,
+        "frequency_hz": None if stable else float(critical.frequency[0]),
+        "mode": None if stable else critical.names[0],
         **found,
         "calibrated": fitted,
         "note": loaded.note,
     }
     lines = [
-        f"{loaded.name}: linear critical speed {speed * KMH:.2f} km/h, {critical.frequency[0]:.3f} Hz, {critical.names[0]}",
+        f"{loaded.name}: straight running is stable up to {speed * KMH:.0f} km/h"
+        if stable
+        else f"{loaded.name}: linear critical speed {speed * KMH:.2f} km/h, {critical.frequency[0]:.3f} Hz, {critical.names[0]}",
         *described,
         *([loaded.note] if loaded.note else []),
         *[f"calibrated, not predicted: {entry}" for entry in fitted],
     ]
-    marks = {"linear critical speed": speed * KMH} | ({"nonlinear": found["nonlinear_kmh"]} if nonlinear else {})
-    drawn = as_picture(lambda axes: _damping(axes[0, 0], loaded, 1.1 * speed * KMH, marks), height=4.4)
+    marks = {} if stable else {"linear critical speed": speed * KMH}
+    marks |= {"nonlinear": found["nonlinear_kmh"]} if nonlinear else {}
+    drawn = as_picture(lambda axes: _damping(axes[0, 0], loaded, (1.0 if stable else 1.1) * speed * KMH, marks), height=4.4)
     show(content, lines, as_json, out, drawn)
 
 
@@ -106,6 +112,8 @@ def _damping(axes: Any, vehicle: Any, highest_kmh: float, marks: dict[str, float
 
 def _nonlinear(vehicle: Any) -> tuple[dict[str, Any], list[str]]:
     """Keys and lines of the nonlinear critical speed; without a fold it is the linear one, and amplitude and frequency null."""
+    from math import isfinite
+
     from .critical import Hunting, default_wheelset, nonlinear_critical, refuse
     from .units import KMH
 
@@ -117,7 +125,7 @@ def _nonlinear(vehicle: Any) -> tuple[dict[str, Any], list[str]]:
         "nonlinear_kmh": float(found.speed) * KMH,
         "fold_amplitude_mm": float(found.amplitude) * 1e3 if folded else None,
         "fold_frequency_hz": float(found.frequency) if folded else None,
-        "criticality": "subcritical" if folded else "supercritical",
+        "criticality": ("subcritical" if isfinite(found.linear.speed) else "isolated") if folded else "supercritical",
     }
     if not folded:
         return content, [

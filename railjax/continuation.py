@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .along_speed import both_at
+from .deflections import size
 from .orbits import DISPLACEMENT, Model, Orbit, Shooting, by_parameters, pack
 from .shooting import BY_AMPLITUDE, Point, Problem, plane, row_of, solution, solved
 
@@ -21,14 +22,22 @@ FOLD_STEP = 0.06
 FOLD_TOLERANCE, MOST_TRIES = 1e-13, 40
 
 
-def hunting_mode(model: Model, shooting: Shooting, speed: float) -> tuple[Float[np.ndarray, "states"], float]:
+#: share of the largest displacement in a mode that a wheelset has at least where the wheelsets, not the car body, move
+MOVED = 0.3
+
+
+def hunting_mode(model: Model, shooting: Shooting, speed: float, moved: float = 0.0) -> tuple[Float[np.ndarray, "states"], float]:
     """Shape x of the least damped oscillating mode at the Hopf point's `speed` (m/s), and its angular frequency (rad/s).
 
-    The shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there.
+    The shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there. Away
+    from the Hopf point, where that may be a mode of the car body, only those count in which a wheelset has the share `moved` of the
+    largest displacement, if there are any.
     """
     values, vectors = np.linalg.eig(both_at(model.vehicle, speed, model.damper)[0])
     oscillating = values.imag > 1e-6 * np.max(np.abs(values))
-    chosen = int(np.argmin(np.where(oscillating, -values.real, np.inf)))
+    coordinates = np.abs(vectors[: size(model.vehicle)])
+    moving = oscillating & (np.max(coordinates[model.displacements], axis=0) >= moved * np.max(coordinates, axis=0))
+    chosen = int(np.argmin(np.where(moving if moving.any() else oscillating, -values.real, np.inf)))
     vector = vectors[:, chosen]
     return (vector / vector[model.amplitude_index(shooting.wheelset)]).real, float(values.imag[chosen])
 

@@ -8,17 +8,19 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .continuation import MOVED, hunting_mode
 from .dampers import Damper
 from .errors import InputError, NumericalError
 from .fold_search import FoldSearch, search_folds
 from .host import Answer, HostFunction
 from .lanes import own_axes
-from .linear import LinearCritical, Stability, linear_critical
+from .linear import HIGHEST, LinearCritical, Stability, linear_critical
 from .motion import PASSIVE, wheelset_shape
 from .orbits import Model, Shooting, fastest, rounded, unpack
 from .precision import require_double_precision
 from .shooting import speed_slopes
 from .step_bound import STABLE_RADIUS
+from .units import KMH
 from .vehicle import Vehicle, bare
 
 #: fewest steps of RK4 in half a period; the fold of the coach moves by less than 1e-4 km/h when they are doubled
@@ -30,7 +32,7 @@ class Hunting(IntEnum):
 
     OK = 0
     SUPERCRITICAL = 1  # no fold below the linear critical speed, which is then the nonlinear one as well
-    STABLE = 2  # straight running is stable up to the highest speed: infinity
+    STABLE = 2  # straight running is stable, and no limit cycle was found, up to the highest speed: infinity
     UNSTABLE = 3  # unstable at the lowest speed already: NaN
     FAILED = 4  # no limit cycle was found, or its branch could not be followed to a fold: NaN
     STEP_TOO_LARGE = 5  # RK4 does not hold the step that the period is cut into: give more `steps`; NaN
@@ -53,11 +55,12 @@ def nonlinear_critical_speed(
     """Lowest speed (m/s) at which a limit cycle exists: the fold (saddle-node) of the branch of hunting motions.
 
     Above it a disturbance that is large enough makes the vehicle hunt; below it none does. Where there is no fold (the branch
-    leaves the Hopf point towards higher speeds, supercritical) it is the linear critical speed itself.
+    leaves the Hopf point towards higher speeds, supercritical) it is the linear critical speed itself. A vehicle that is linearly stable
+    at all speeds may hunt all the same, as where yaw dampers blow off: its limit cycles are isolated, and end in a fold too.
 
     Differentiable with respect to every float of the vehicle, in both modes, by implicit differentiation of the periodic
     orbit at the fold (no simulation is differentiated). With lanes in the vehicle the result has one value per lane: infinity
-    where straight running is stable, NaN where no fold could be computed; `nonlinear_critical` tells which. For a single
+    where no limit cycle was found up to 150 m/s, NaN where no fold could be computed; `nonlinear_critical` tells which. For a single
     vehicle these raise `NumericalError`. Needs double precision. `wheelset` and `steps` as in `nonlinear_critical`.
     """
     found = nonlinear_critical(vehicle, damper=damper, wheelset=wheelset, steps=steps)
@@ -69,7 +72,7 @@ def nonlinear_critical_speed(
 def refuse(code: Int[Array, ""]) -> None:
     """Raise `NumericalError` where there is no nonlinear critical speed."""
     reason = {
-        Hunting.STABLE: "straight running is stable at all speeds tried, so no branch of limit cycles leaves it",
+        Hunting.STABLE: f"straight running is stable and no limit cycle was found up to {HIGHEST * KMH:.0f} km/h",
         Hunting.UNSTABLE: "straight running is unstable at all speeds tried",
         Hunting.FAILED: "the branch of limit cycles could not be followed to a fold; draw it with hunting_branch",
         Hunting.STEP_TOO_LARGE: "RK4 does not hold that few steps in half a period; give more steps",
@@ -86,8 +89,8 @@ def nonlinear_critical(
     The amplitude is that of one `wheelset`, counted from the front; by default the leading one of the trailing bogie, as in
     the paper's fig. 6. `steps` of RK4 cut half a period; by default enough for the fastest motion of the vehicle, at least 200.
 
-    The vehicle is simulated from large disturbances (both bogies hunting in phase, opposite, or one of them) at shares of 0.6 to
-    1.02 of the linear critical speed, all at once. The limit cycle at the lowest speed is followed down to its fold; then the same
+    The vehicle is simulated from large disturbances (both bogies hunting in phase, opposite, or one of them) at shares of 0.45 to
+    1.02 of the linear critical speed, or of 0.2 to 1 of the highest speed where straight running is stable at all, all at once. The limit cycle at the lowest speed is followed down to its fold; then the same
     is done at shares of 0.8 to 0.9995 of the fold's speed, until no motion goes on below a fold. So what is found is the end of the
     motions that a vehicle settles on, as a slow ramp down would show. Of many vehicles, those that are little different from one that
     has been searched take their fold from that one's, and only the motions below it are tried.
@@ -117,14 +120,24 @@ def enough_steps(model: Model, speed: float, frequency: float) -> int:
     return max(FEWEST_STEPS, 100 * int(np.ceil(needed / 100.0))) if np.isfinite(needed) else FEWEST_STEPS
 
 
+def search_of(
+    model: Model, speed: float, frequency: float, wheelset: int, steps: int | None, symmetric: bool = True
+) -> FoldSearch:
+    """The search for a vehicle of this linear critical speed (m/s; infinite where there is none) and frequency (Hz)."""
+    stable = not np.isfinite(speed)
+    if stable:
+        speed = HIGHEST
+        frequency = hunting_mode(model, Shooting(FEWEST_STEPS, wheelset), 0.5 * speed, MOVED)[1] / (2.0 * np.pi)
+    half = enough_steps(model, speed, frequency) if steps is None else steps
+    return FoldSearch(model, Shooting(half if symmetric else 2 * half, wheelset, symmetric), speed, stable)
+
+
 def _many(lanes: Sequence[tuple], slopes: bool, wheelset: int, steps: int | None) -> Answer:
     """Speed, amplitude, frequency and code of each lane: (vehicle, damper), (linear critical speed, frequency, code)."""
     searches: dict[int, FoldSearch] = {}
     for k, (trees, (speed, frequency, code)) in enumerate(lanes):
-        if code == Stability.OK:
-            model = Model(*trees)
-            half = enough_steps(model, float(speed), float(frequency)) if steps is None else steps
-            searches[k] = FoldSearch(model, Shooting(half, wheelset), float(speed))
+        if code in (Stability.OK, Stability.STABLE):
+            searches[k] = search_of(Model(*trees), float(speed), float(frequency), wheelset, steps)
     if searches:
         search_folds(list(searches.values()))
     rows = [_judged(searches.get(k), *(float(value) for value in linear)) for k, (_, linear) in enumerate(lanes)]
@@ -135,11 +148,10 @@ def _many(lanes: Sequence[tuple], slopes: bool, wheelset: int, steps: int | None
 def _judged(search: FoldSearch | None, speed: float, frequency: float, code: float) -> tuple[float, float, float, Hunting]:
     """Speed, amplitude and frequency, values only where there are any, and the code."""
     if search is None:
-        result = {Stability.STABLE: Hunting.STABLE, Stability.UNSTABLE: Hunting.UNSTABLE}.get(
-            Stability(int(code)), Hunting.FAILED
-        )
-        return np.inf if result is Hunting.STABLE else np.nan, np.nan, np.nan, result
+        return np.nan, np.nan, np.nan, Hunting.UNSTABLE if code == Stability.UNSTABLE else Hunting.FAILED
     fold = search.fold
+    if fold is None and search.stable:
+        return np.inf, np.nan, np.nan, Hunting.STABLE
     orbit = None if fold is None else unpack(search.model, search.shooting, fold.unknowns)
     # where no fold was found it is at the Hopf point that the step is judged
     at = (speed, frequency) if orbit is None else (float(orbit.speed), 1.0 / float(orbit.period))

@@ -1,7 +1,7 @@
 """The search for the lowest fold of each of many vehicles' limit cycles; plain Python over a few small compiled programs.
 
-From all motions to which a vehicle is drawn at some speeds about the linear critical speed, the one at the lowest speed is followed
-down to its fold. Then the motions below that fold and just above it are tried, and so on until none leads further down. What is simulated is simulated
+From all motions to which a vehicle is drawn at some speeds about the linear critical speed (up to the highest, where straight running is
+stable at all of them), the one at the lowest speed is followed down to its fold. Then the motions below that fold and just above it are tried, and so on until none leads further down. What is simulated is simulated
 for all vehicles together. A vehicle that is little different from one that has been searched takes its fold from that one's, by Newton's
 method, and only the motions below it are tried.
 """
@@ -12,15 +12,16 @@ import numpy as np
 from jaxtyping import Float
 
 from .attractors import End, Start, drawn, one_period, patterns
-from .continuation import fold_beside, fold_between, fold_near, follow, hunting_mode
+from .continuation import MOVED, fold_beside, fold_between, fold_near, follow, hunting_mode
 from .lanes import in_threads
 from .orbits import DISPLACEMENT, SPEED, Model, Shooting, fastest, unpack
 from .shooting import Point, Problem, at_speed, largest_displacement, solved
 from .step_bound import STABLE_RADIUS
 
-#: shares of the linear critical speed at which motions are tried first, and of a fold's speed at which they are tried then: below
-#: it, and just above, where those of another family may live whose fold is a little lower
-ABOUT_HOPF = (0.6, 0.75, 0.85, 0.9, 0.95, 0.99, 1.02)
+#: shares of the linear critical speed, or of the highest one, at which motions are tried first, and of a fold's speed at which they are
+#: tried then: below it, and just above, where those of another family may live whose fold is a little lower
+ABOUT_HOPF = (0.45, 0.6, 0.75, 0.85, 0.9, 0.95, 0.99, 1.02)
+UP_TO_HIGHEST = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0)
 ABOUT_FOLD = (0.8, 0.87, 0.93, 0.97, 0.99, 0.998, 0.9995, 1.002)
 #: multiplier of half a period beyond which a motion is taken to leave its branch
 LEAVES = 1.015
@@ -41,37 +42,46 @@ MOST_STEPS_OF_PERIOD = 20_000
 class FoldSearch:
     """What is known of one vehicle's limit cycles: the lowest `fold`, if one was found; whether a branch fell into the Hopf point.
 
-    `hopf` is the linear critical speed, m/s.
+    `hopf` is the linear critical speed, m/s; or, where straight running is `stable` at all speeds, the highest of them.
     """
 
-    def __init__(self, model: Model, shooting: Shooting, hopf: float) -> None:
-        self.model, self.shooting, self.hopf = model, shooting, hopf
+    def __init__(self, model: Model, shooting: Shooting, hopf: float, stable: bool = False) -> None:
+        self.model, self.shooting, self.hopf, self.stable = model, shooting, hopf, stable
         self.fold: Point | None = None
         self.folds, self.vanished = 0, False
         self.rest = SMALL * float(model.vehicle.contact.flange_clearance)
 
     def starts(self) -> Iterator[Start]:
-        """Motions about the Hopf point, made of its mode, or below the lowest fold, made of its orbit."""
+        """Motions about the Hopf point, or up to the highest speed, made of a mode; or about the lowest fold, made of its orbit."""
         clearance = float(self.model.vehicle.contact.flange_clearance)
         if self.fold is None:
-            state, omega = hunting_mode(self.model, self.shooting, self.hopf)
-            period, speed, shares, largest = 2.0 * np.pi / omega, self.hopf, ABOUT_HOPF, clearance
-        else:
-            orbit = unpack(self.model, self.shooting, self.fold.unknowns)
-            states = one_period(self.model, orbit, steps_of_period(self.model, float(orbit.speed), float(orbit.period)))
-            moved = np.max(np.abs(states[:, self.model.displacements]), axis=1)
-            state, largest = states[np.argmax(moved)], max(clearance, float(np.max(moved)))
-            period, speed, shares = float(orbit.period), float(orbit.speed), ABOUT_FOLD
-        steps = steps_of_period(self.model, shares[0] * speed, period)
-        for share in shares:
-            for start in patterns(self.model, state, LARGE * largest):
-                yield Start(self.model, start, period, share * speed, steps, self.rest)
+            for share in UP_TO_HIGHEST if self.stable else ABOUT_HOPF:
+                speed = share * self.hopf
+                at, moved = (speed, MOVED) if self.stable else (self.hopf, 0.0)
+                state, omega = hunting_mode(self.model, self.shooting, at, moved)
+                yield from self._starts(state, 2.0 * np.pi / omega, speed, clearance)
+            return
+        orbit = unpack(self.model, self.shooting, self.fold.unknowns)
+        period, speed = float(orbit.period), float(orbit.speed)
+        states = one_period(self.model, orbit, steps_of_period(self.model, speed, period))
+        displaced = np.max(np.abs(states[:, self.model.displacements]), axis=1)
+        state, largest = states[np.argmax(displaced)], max(clearance, float(np.max(displaced)))
+        for share in ABOUT_FOLD:
+            yield from self._starts(state, period, share * speed, largest)
+
+    def _starts(self, state: Float[np.ndarray, "states"], period: float, speed: float, largest: float) -> Iterator[Start]:
+        steps = steps_of_period(self.model, speed, period)
+        for start in patterns(self.model, state, LARGE * largest):
+            yield Start(self.model, start, period, speed, steps, self.rest)
 
     def descend(self, ends: Sequence[End]) -> bool:
         """Follow the motions, those of low speed first, until one leads to a fold below the known one at which motions end; where none
         does, the lowest of the other folds is taken. Whether there is one, and others are to be looked for below it."""
         tried: list[End] = []
         other: Point | None = None
+        if self.fold is None and not self.stable:
+            # above the Hopf point motions do not die out: what is left is a small limit cycle that grows with speed
+            self.vanished = all(end.displacement < self.rest for end in ends)
         for end in ends:
             if not (end.swings and end.displacement > self.rest) or any(self._alike(end.guess, one.guess) for one in tried):
                 continue

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from . import attractors, continuation
+from . import attractors, continuation, linear
 from .along_speed import both_at
-from .critical import default_wheelset, enough_steps
+from .critical import default_wheelset, search_of
 from .dampers import Damper
 from .errors import InputError, NumericalError
 from .floquet import floquet
@@ -24,6 +24,7 @@ from .normal_form import first_lyapunov_coefficient
 from .orbits import DISPLACEMENT, PERIOD, SPEED, Model, Shooting, model_of
 from .precision import require_double_precision
 from .shooting import Point, plane, solved
+from .units import KMH
 from .vehicle import Vehicle
 
 #: share of the flange clearance at which the branch is entered from the Hopf point, to which it is followed down, and at which
@@ -63,41 +64,55 @@ def hunting_branch(
 ) -> Branch:
     """The limit cycles of a vehicle over speed: unstable ones from the Hopf point to the fold, stable ones from there on.
 
-    `highest_speed` in m/s (default 1.25 times the linear critical speed); `wheelset`, counted from the front, whose lateral
+    Where straight running is stable at all speeds but limit cycles were found, as where yaw dampers blow off, both ways from their fold.
+
+    `highest_speed` in m/s (default 1.25 times the linear critical speed, 150 m/s where there is none); `wheelset`, counted from the front, whose lateral
     displacement is the amplitude (default the leading one of the trailing bogie, as in the paper's fig. 6); `steps` of RK4 in
     half a period (default enough for the fastest motion, at least 200); `largest_step` between two points, 1 for 1 mm or
     10 m/s; `symmetric` False looks for orbits by the whole period, for dampers that are not alike to both sides.
 
     Sharp flange corners are rounded within 0.01 mm (`orbits.rounded` says why). Raises `NumericalError` where straight running
-    does not lose its stability or no limit cycle is found. Needs double precision.
+    is unstable at the lowest speed or no limit cycle is found. Needs double precision.
     """
     require_double_precision("hunting")
     hopf = linear_critical(vehicle, damper=damper)
     if hopf.code.ndim:
         raise InputError("hunting_branch draws one vehicle; for many use nonlinear_critical, which takes lanes")
-    if int(hopf.code) != Stability.OK:
-        reason = Stability(int(hopf.code)).name.lower()
+    code, speed = int(hopf.code), float(hopf.speed)
+    if code not in (Stability.OK, Stability.STABLE):
+        reason = Stability(code).name.lower()
         raise NumericalError(f"no branch of limit cycles: straight running has no linear critical speed ({reason})")
-    speed = float(hopf.speed)
-    highest = HIGHEST * speed if highest_speed is None else highest_speed
-    if not highest > ENTRY * speed:
-        raise InputError(f"highest_speed must lie above {ENTRY * speed:.2f} m/s, {ENTRY:g} times the linear critical speed")
+    isolated = code == Stability.STABLE
+    lowest, default = (0.0, linear.HIGHEST) if isolated else (ENTRY * speed, HIGHEST * speed)
+    highest = default if highest_speed is None else highest_speed
+    if not highest > lowest:
+        raise InputError(
+            "highest_speed must be positive"
+            if isolated
+            else f"highest_speed must lie above {lowest:.2f} m/s, {ENTRY:g} times the linear critical speed"
+        )
     model = model_of(vehicle, damper)
-    half = enough_steps(model, speed, float(hopf.frequency)) if steps is None else steps
-    shooting = Shooting(half if symmetric else 2 * half, default_wheelset(vehicle, wheelset), symmetric)
+    search = search_of(model, speed, float(hopf.frequency), default_wheelset(vehicle, wheelset), steps, symmetric)
+    shooting = search.shooting
+    search_folds([search])
     tracer = _Tracer(model, shooting, hopf, largest_step)
-    below, above, folds, note = tracer.pieces(highest)
-    slope = tracer.slope_at_hopf()
+    if isolated:
+        below, above, folds, note = tracer.isolated(search, highest)
+        first, slope, criticality = (), np.nan, "isolated"
+    else:
+        below, above, folds, note = tracer.pieces(search, highest)
+        first, slope = (tracer.hopf_point(),), tracer.slope_at_hopf()
+        criticality = "subcritical" if slope < 0.0 else "supercritical"
     cycles = {id(point): limit_cycle_at(model, shooting, point) for point in (*below, *above, *folds)}
     pieces = tuple(tuple(cycles[id(point)] for point in piece) for piece in (below, above) if piece)
-    pieces = ((tracer.hopf_point(), *pieces[0]), *pieces[1:])
+    pieces = ((*first, *pieces[0]), *pieces[1:])
     turning = tuple(cycles[id(fold)] for fold in folds)
     return Branch(
         vehicle_name=vehicle.name,
         hopf=hopf,
-        criticality="subcritical" if slope < 0.0 else "supercritical",
+        criticality=criticality,
         slope_at_hopf=slope,
-        lyapunov=first_lyapunov_coefficient(vehicle, damper, hopf) if vehicle.contact.law == "smooth" else None,
+        lyapunov=first_lyapunov_coefficient(vehicle, damper, hopf) if vehicle.contact.law == "smooth" and not isolated else None,
         pieces=pieces,
         folds=turning,
         events=tuple(event for piece in pieces for event in _events(piece, turning, shooting.symmetric)),
@@ -114,18 +129,44 @@ class _Tracer:
     def __init__(self, model: Model, shooting: Shooting, hopf: LinearCritical, largest_step: float) -> None:
         self.model, self.shooting, self.largest_step = model, shooting, largest_step
         self.hopf, self.speed = hopf, float(hopf.speed)
-        self.mode = continuation.hunting_mode(model, shooting, self.speed)
+        if np.isfinite(self.speed):
+            self.mode = continuation.hunting_mode(model, shooting, self.speed)
         self.clearance = float(model.vehicle.contact.flange_clearance)
 
-    def pieces(self, highest: float) -> tuple[list[Point], list[Point], list[Point], str]:
+    def isolated(self, search: FoldSearch, highest: float) -> tuple[list[Point], list[Point], list[Point], str]:
+        """The limit cycles of a vehicle that is stable at all speeds: both ways from the lowest fold, up to the highest speed or, where
+        they close upon themselves, once around."""
+        if search.fold is None:
+            raise NumericalError(
+                f"no branch of limit cycles: straight running is stable, and no limit cycle was found, up to {linear.HIGHEST * KMH:.0f} km/h"
+            )
+        lowest, folds, ways = search.fold, [search.fold], []
+        onward = self._growing(lowest)
+        for start in (onward, onward._replace(direction=-onward.direction)):
+            points: list[Point] = []
+            for point, fold in self._follow(start):
+                if fold is not None and not points:
+                    fold = None  # the one that it begins at
+                if fold is not None and self._same(fold, lowest):
+                    note = "The limit cycles close upon themselves: an isola."
+                    return [lowest, *points, lowest], [], folds, note
+                if fold is not None:
+                    folds.append(fold)
+                    points.append(fold)
+                points.append(point)
+                if point.unknowns[-1] * SPEED > highest:
+                    break
+            ways.append(points)
+        note = "Straight running is stable at all speeds: only a large disturbance makes the vehicle hunt, on limit cycles that no Hopf point leads to."
+        return [*ways[1][::-1], lowest, *ways[0]], [], folds, note
+
+    def pieces(self, search: FoldSearch, highest: float) -> tuple[list[Point], list[Point], list[Point], str]:
         """Limit cycles from the Hopf point on, those that are not connected with it, the folds, and a note.
 
         From above: the stable limit cycles from the lowest fold, the nonlinear critical speed, up to the highest speed; where there
         is none, those to which the vehicle is drawn above the Hopf point. From below: the branch that leaves the Hopf point, up to
         its fold. Where the two are one and the same, so is the branch.
         """
-        search = FoldSearch(self.model, self.shooting, self.speed)
-        search_folds([search])
         if search.fold is not None:
             folds = [search.fold]
             above = [search.fold, *self._up_to(highest, self._growing(search.fold))]

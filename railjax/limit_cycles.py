@@ -76,7 +76,7 @@ class Branch:
 
     `folds` are solved for as such; the lowest is the nonlinear critical speed. `criticality` tells on which side of the Hopf
     point limit cycles are: "subcritical" (below: a large disturbance makes the vehicle hunt before it is unstable) or
-    "supercritical". `slope_at_hopf` is dv/dA there, m/s per m: with the Vermeulen-Johnson law, whose force is not smooth at
+    "supercritical"; "isolated" where there is no Hopf point, because straight running is stable at all speeds. `slope_at_hopf` is dv/dA there, m/s per m: with the Vermeulen-Johnson law, whose force is not smooth at
     zero creep, amplitude grows in proportion to the speed difference. For a smooth law `lyapunov` is the first Lyapunov
     coefficient (see `normal_form`), else None. `note` says what is peculiar.
     """
@@ -173,7 +173,9 @@ class Branch:
         low, high = self.speed.min() * KMH, self.speed.max() * KMH
         lines = [
             f"Hunting of {self.vehicle_name or 'a vehicle'}: {len(self.points)} limit cycles, {low:.1f} to {high:.1f} km/h",
-            f"  Hopf point: {float(self.hopf.speed) * KMH:.3f} km/h, {float(self.hopf.frequency):.3f} Hz, {self.criticality}",
+            "  no Hopf point: straight running is stable at all speeds tried, the limit cycles are isolated"
+            if self.criticality == "isolated"
+            else f"  Hopf point: {float(self.hopf.speed) * KMH:.3f} km/h, {float(self.hopf.frequency):.3f} Hz, {self.criticality}",
         ]
         lines += [f"  fold: {fold}" for fold in self.folds]
         lines += [f"  {kind}: {speed * KMH:.2f} km/h, {amplitude * 1e3:.2f} mm" for kind, speed, amplitude in self.events]

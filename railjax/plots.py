@@ -134,9 +134,10 @@ def bifurcation(axes: "Axes", branch: "Branch", ramp: "Ramp | None" = None) -> N
             style = "-" if stable else (0, (4, 2.5))
             axes.plot(speeds * KMH, heights * 1e3, color=COLOURS[0], linestyle=style, label=label)
     left, right = branch.speed.min() * KMH - 8.0, branch.speed.max() * KMH
-    axes.plot([left, hopf], [0, 0], color=COLOURS[0], clip_on=False, zorder=3)
-    axes.plot([hopf, right], [0, 0], color=COLOURS[0], linestyle=(0, (4, 2.5)), clip_on=False, zorder=3)
-    axes.plot(hopf, 0, "o", color=COLOURS[1], clip_on=False, zorder=4, label=f"Hopf point, {hopf:.1f} km/h")
+    axes.plot([left, min(hopf, right)], [0, 0], color=COLOURS[0], clip_on=False, zorder=3)
+    if np.isfinite(hopf):
+        axes.plot([hopf, right], [0, 0], color=COLOURS[0], linestyle=(0, (4, 2.5)), clip_on=False, zorder=3)
+        axes.plot(hopf, 0, "o", color=COLOURS[1], clip_on=False, zorder=4, label=f"Hopf point, {hopf:.1f} km/h")
     fold = branch.fold
     arrow = {"arrowstyle": "-|>", "color": "0.45", "linewidth": 1.0, "shrinkA": 0, "shrinkB": 3}
     if fold is not None:
@@ -144,7 +145,7 @@ def bifurcation(axes: "Axes", branch: "Branch", ramp: "Ramp | None" = None) -> N
         axes.plot(speed, height, "s", color=COLOURS[1], zorder=4, label=f"fold, {speed:.1f} km/h and {height:.2f} mm")
         axes.annotate("", (speed, 0.0), (speed, height), arrowprops=arrow)
         above = [p for p in branch.points if p.stable and p.amplitude > 0]
-        if above:
+        if above and np.isfinite(hopf):
             landing = np.interp(hopf, *np.array(sorted((p.speed * KMH, p.amplitude * 1e3) for p in above)).T)
             axes.annotate("", (hopf, landing), (hopf, 0.0), arrowprops=arrow)
     if ramp is not None:

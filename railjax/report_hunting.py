@@ -22,24 +22,32 @@ BARS, LEAST = 18, 5e-3
 
 def critical_speeds(subject: Subject) -> Part:
     """Linear and nonlinear; where the latter fails, what is known."""
+    numbers: dict[str, Any] = {"linear_kmh": None}
+    rows: list[tuple[str, str, str, str]] = []
+    speed = subject.top
     if subject.stable:
-        text = f"Straight running is stable up to {HIGHEST * KMH:.0f} km/h: no critical speed."
-        return Part(paragraph(text), {"linear_kmh": None}, [("critical speed", "none", f"stable up to {HIGHEST * KMH:.0f} km/h")])
-    speed = subject.needs_critical_speed()
-    at = modes(subject.vehicle, speed)
-    frequency, name = float(at.frequency[0]), at.names[0]
-    kmh = f"{speed * KMH:.1f} km/h"
-    numbers: dict[str, Any] = {"linear_kmh": speed * KMH, "frequency_hz": frequency, "mode": name}
-    rows = [("linear: straight running loses its stability", kmh, f"{frequency:.2f} Hz", escape(name))]
-    headline = [("linear critical speed", kmh, f"{name}, {frequency:.2f} Hz")]
+        headline = [("linear critical speed", "none", f"stable up to {HIGHEST * KMH:.0f} km/h")]
+    else:
+        speed = subject.needs_critical_speed()
+        at = modes(subject.vehicle, speed)
+        frequency, name = float(at.frequency[0]), at.names[0]
+        kmh = f"{speed * KMH:.1f} km/h"
+        numbers = {"linear_kmh": speed * KMH, "frequency_hz": frequency, "mode": name}
+        rows = [("linear: straight running loses its stability", kmh, f"{frequency:.2f} Hz", escape(name))]
+        headline = [("linear critical speed", kmh, f"{name}, {frequency:.2f} Hz")]
     try:
         branch = subject.hunting()
     except NumericalError as error:
-        said = paragraph(f"The nonlinear critical speed was not found: {error}.", "failed")
         numbers["nonlinear_kmh"] = None
+        if subject.stable:
+            text = f"Straight running is stable, and no limit cycle was found, up to {HIGHEST * KMH:.0f} km/h: no critical speed."
+            return Part(
+                paragraph(text), {"linear_kmh": None}, [("critical speed", "none", f"stable up to {HIGHEST * KMH:.0f} km/h")]
+            )
+        said = paragraph(f"The nonlinear critical speed was not found: {error}.", "failed")
     else:
         fold = branch.fold
-        folded = fold is not None and fold.speed < speed
+        folded = fold is not None and (subject.stable or fold.speed < speed)
         lowest = fold.speed if folded else speed
         numbers |= {"nonlinear_kmh": lowest * KMH, "criticality": branch.criticality}
         numbers |= {"fold_amplitude_mm": 1e3 * fold.amplitude, "fold_frequency_hz": fold.frequency} if folded else {}
@@ -48,7 +56,9 @@ def critical_speeds(subject: Subject) -> Part:
         rows.append(("nonlinear: below it nothing makes the vehicle hunt", f"{lowest * KMH:.1f} km/h", of, what))
         headline.append(("nonlinear critical speed", f"{lowest * KMH:.1f} km/h", what))
         said = paragraph(
-            f"Between the two a disturbance that is large enough makes the vehicle hunt, a small one dies out: {(speed - lowest) * KMH:.3g} km/h that "
+            "Straight running is stable at all speeds, but from there on a disturbance that is large enough makes the vehicle hunt: linear theory does not see it."
+            if subject.stable
+            else f"Between the two a disturbance that is large enough makes the vehicle hunt, a small one dies out: {(speed - lowest) * KMH:.3g} km/h that "
             "linear theory does not see."
             if folded
             else "Limit cycles leave the linear critical speed towards higher speeds (supercritical), so it is the nonlinear one as well."
@@ -62,12 +72,12 @@ def critical_speeds(subject: Subject) -> Part:
 
 def bifurcation(subject: Subject) -> Part:
     """The diagram of the limit cycles."""
-    subject.needs_critical_speed()
-    branch = subject.hunting()
+    branch = subject.needs_hunting()
     with figure(height=4.4) as (page, axes):
         branch.plot(axes[0, 0])
     caption = (
-        f"Amplitude of wheelset {branch.wheelset + 1} from the front over speed: stable limit cycles solid, unstable ones dashed. The Hopf point is {branch.criticality}. "
+        f"Amplitude of wheelset {branch.wheelset + 1} from the front over speed: stable limit cycles solid, unstable ones dashed. "
+        f"{'There is no Hopf point' if subject.stable else f'The Hopf point is {branch.criticality}'}. "
         f"Error of the Floquet multipliers at most {max(point.floquet.error for point in branch.points):.0e}. {branch.note}"
     )
     events = ", ".join(f"{event.kind} at {event.speed * KMH:.1f} km/h" for event in branch.events)
@@ -91,17 +101,17 @@ def bifurcation(subject: Subject) -> Part:
 
 def sensitivity(subject: Subject) -> Part:
     """Bars of what ten per cent more of each parameter do to both critical speeds."""
-    subject.needs_critical_speed()
+    subject.needs_hunting() if subject.stable else subject.needs_critical_speed()
     vehicle = subject.vehicle
-    of = {"linear critical speed": changes(vehicle, jax.grad(linear_critical_speed)(vehicle))}
+    of = {} if subject.stable else {"linear critical speed": changes(vehicle, jax.grad(linear_critical_speed)(vehicle))}
     missing = ""
     try:
         branch = subject.hunting()
-        if branch.fold is not None and branch.fold.speed < subject.top:
+        if branch.fold is not None and (subject.stable or branch.fold.speed < subject.top):
             of["nonlinear critical speed"] = changes(vehicle, fold_gradient(branch))
     except NumericalError as error:
         missing = f" The nonlinear critical speed was not found: {error}."
-    size = {path: max(abs(found[path]) for found in of.values()) for path in of["linear critical speed"]}
+    size = {path: max(abs(found[path]) for found in of.values()) for path in next(iter(of.values()))}
     paths = sorted(size, key=lambda path: -size[path])
     chosen = [path for path in paths[:BARS] if size[path] > LEAST * size[paths[0]]]
     left_out = paths[len(chosen) :]

@@ -75,10 +75,17 @@ class Subject:
         return self._hunting
 
     def needs_critical_speed(self) -> float:
-        """The linear critical speed, m/s; `Absent` for a vehicle that is stable at all speeds, `NumericalError` for none found."""
-        if self.stable:
-            raise Absent(f"Straight running is stable up to {HIGHEST * KMH:.0f} km/h, so no limit cycle branches off it.")
+        """The linear critical speed, m/s; `NumericalError` for none found."""
         return float(linear_critical_speed(self.vehicle))
+
+    def needs_hunting(self) -> Branch:
+        """The branch of limit cycles; `Absent` for a vehicle that is stable at all speeds and has none."""
+        try:
+            return self.hunting()
+        except NumericalError:
+            if not self.stable:
+                raise
+        raise Absent(f"Straight running is stable, and no limit cycle was found, up to {HIGHEST * KMH:.0f} km/h.")
 
 
 def drawn(slug: str, alternative: str, caption: str, page: "Figure") -> str:

@@ -1,12 +1,15 @@
 """Limit cycles and their branch against simulations, closed forms, finite differences and published results."""
 
+import dataclasses
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import railjax
-from railjax import orbits, shooting
+from railjax import cli_linear, orbits, plots, shooting
 from railjax.cli import status
 from railjax.floquet import multipliers_of
 from railjax.limit_cycles import Branch
@@ -300,3 +303,52 @@ def test_command_line(capsys, tmp_path):
     assert status(["hunting", "coach", "--wheelset", "9"]) == 2
     assert status(["hunting", "coach", "--out", "diagram.doc"]) == 2
     assert "railjax: --out" in capsys.readouterr().err
+
+
+@functools.cache
+def blown_off():
+    """A coach that no speed makes unstable, whose yaw dampers blow off in large motions (the audit's case of hunting without a Hopf point)."""
+    coach = dataclasses.replace(railjax.load_vehicle("coach"), yaw_damper=railjax.YawDamper(1.04e6, 1.3, 3.8e-3, 7.7e3, 1.9e7))
+    changes = {
+        "contact__conicity": 0.23,
+        "contact__friction": 0.35,
+        "contact__flange_clearance": 6.1e-3,
+        "contact__flange_stiffness": 10.7e6,
+        "primary__stiffness_x": 15.3e6,
+        "secondary__damping_y": 29.4e3,
+    }
+    return railjax.replace(coach, **changes)
+
+
+@functools.cache
+def isola():
+    return railjax.hunting_branch(blown_off(), wheelset=0, highest_speed=100.0)
+
+
+def test_hunting_without_a_hopf_point():
+    """By simulation from 6 mm: at 290 km/h it dies out, at 300 km/h the leading bogie hunts alone with 7.53 mm, at 350 km/h both do with
+    9.01 mm."""
+    vehicle = blown_off()
+    found = railjax.nonlinear_critical(vehicle)
+    assert (found.code, found.linear.code) == (railjax.Hunting.OK, railjax.Stability.STABLE)
+    assert float(found.speed) * KMH == pytest.approx(278.392, abs=0.01)  # a slow ramp down from 350 km/h stops hunting at 277
+    branch = isola()
+    assert branch.criticality == "isolated"
+    assert branch.fold.speed == pytest.approx(float(found.speed), rel=1e-6)
+    assert branch.speed.max() > 100.0
+    assert branch.at(300.0 / KMH).amplitude * 1e3 == pytest.approx(7.53, abs=0.1)
+    assert branch.at(350.0 / KMH).amplitude * 1e3 == pytest.approx(9.01, abs=0.03)
+    # the unstable cycles lie below the stable ones, on the same piece
+    assert branch.at(300.0 / KMH, stable=False).amplitude < 7e-3
+    assert "no Hopf point" in str(branch)
+
+
+def test_isolated_limit_cycles_on_the_command_line_and_drawn():
+    content, _ = cli_linear._nonlinear(blown_off())
+    assert content["criticality"] == "isolated"
+    assert content["nonlinear_kmh"] == pytest.approx(278.392, abs=0.01)
+    with plots.figure() as (_page, axes):
+        isola().plot(axes[0, 0])
+        labels = axes[0, 0].get_legend_handles_labels()[1]
+    assert any("fold" in label for label in labels)
+    assert not any("Hopf" in label for label in labels)
