@@ -44,11 +44,19 @@ def hunts(vehicle: railjax.Vehicle, speeds: np.ndarray) -> np.ndarray:
     """Whether it hunts at each speed (m/s), from any of the starts."""
     clearance = float(vehicle.contact.flange_clearance)
     pairs = [(speed, start) for speed in speeds for start in STARTS]
-    start = clearance * np.array([np.repeat(start, 2) for _, start in pairs]).T
+    coordinates = railjax.deflections.labels(vehicle)
+    wheelsets = [coordinates.index(f"wheelset_y[{k}]") for k in range(4)]
+    initial = np.zeros((railjax.state_matrix(vehicle, 50.0).shape[0], len(pairs)))
+    initial[wheelsets] = clearance * np.array([np.repeat(start, 2) for _, start in pairs]).T
     run = railjax.simulate(
-        vehicle, np.array([speed for speed, _ in pairs]), duration=DURATION, dt=5e-4,
-        initial={"wheelset_y": start}, record=["wheelset_y"], sample=5e-3,
-    )  # fmt: skip
+        vehicle,
+        np.array([speed for speed, _ in pairs]),
+        duration=DURATION,
+        dt=5e-4,
+        initial=initial,
+        record=["wheelset_y"],
+        sample=5e-3,
+    )
     y, time = np.abs(np.asarray(run["wheelset_y"])).max(axis=1), np.asarray(run.time)
     last, before = (y[(time > low) & (time <= low + LAST)].max(axis=0) for low in (DURATION - LAST, DURATION - 2.0 * LAST))
     return ((last > LARGE * clearance) & (last > LASTS * before)).reshape(len(speeds), len(STARTS)).any(axis=1)

@@ -22,16 +22,11 @@ FOLD_STEP = 0.06
 FOLD_TOLERANCE, MOST_TRIES = 1e-13, 40
 
 
-#: share of the largest displacement in a mode that a wheelset has at least where the wheelsets, not the car body, move
-MOVED = 0.3
-
-
 def hunting_mode(model: Model, shooting: Shooting, speed: float, moved: float = 0.0) -> tuple[Float[np.ndarray, "states"], float]:
     """Shape x of the least damped oscillating mode at the Hopf point's `speed` (m/s), and its angular frequency (rad/s).
 
-    The shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there. Away
-    from the Hopf point, where that may be a mode of the car body, only those count in which a wheelset has the share `moved` of the
-    largest displacement, if there are any.
+    The shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there. Where
+    there are any, only modes count in which a wheelset has the share `moved` of the largest displacement.
     """
     values, vectors = np.linalg.eig(both_at(model.vehicle, speed, model.damper)[0])
     oscillating = values.imag > 1e-6 * np.max(np.abs(values))
@@ -40,6 +35,21 @@ def hunting_mode(model: Model, shooting: Shooting, speed: float, moved: float = 
     chosen = int(np.argmin(np.where(moving if moving.any() else oscillating, -values.real, np.inf)))
     vector = vectors[:, chosen]
     return (vector / vector[model.amplitude_index(shooting.wheelset)]).real, float(values.imag[chosen])
+
+
+#: share of the largest displacement in a mode that a wheelset has at least where the wheelsets, not the car body, move; rad/s of
+#: the slowest motion looked for
+MOVED, SLOWEST = 0.3, 1.0
+
+
+def wheelset_mode(model: Model, shooting: Shooting, speed: float) -> tuple[Float[np.ndarray, "states"], float]:
+    """As `hunting_mode`, away from the Hopf point, where the least damped mode may be one of the car body: that of the wheelsets; all of
+    them displaced where no such mode oscillates."""
+    state, omega = hunting_mode(model, shooting, speed, MOVED)
+    if not (omega > SLOWEST and np.all(np.isfinite(state))):
+        state, omega = np.zeros(model.states), max(omega, SLOWEST)
+        state[model.displacements] = 1.0
+    return state, omega
 
 
 def near_hopf(

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .continuation import MOVED, hunting_mode
+from .continuation import wheelset_mode
 from .dampers import Damper
 from .errors import InputError, NumericalError
 from .fold_search import FoldSearch, search_folds
@@ -127,7 +127,7 @@ def search_of(
     stable = not np.isfinite(speed)
     if stable:
         speed = HIGHEST
-        frequency = hunting_mode(model, Shooting(FEWEST_STEPS, wheelset), 0.5 * speed, MOVED)[1] / (2.0 * np.pi)
+        frequency = wheelset_mode(model, Shooting(FEWEST_STEPS, wheelset), 0.5 * speed)[1] / (2.0 * np.pi)
     half = enough_steps(model, speed, frequency) if steps is None else steps
     return FoldSearch(model, Shooting(half if symmetric else 2 * half, wheelset, symmetric), speed, stable)
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .attractors import End, Start, drawn, one_period, patterns
-from .continuation import MOVED, fold_beside, fold_between, fold_near, follow, hunting_mode
+from .continuation import fold_beside, fold_between, fold_near, follow, hunting_mode, wheelset_mode
 from .lanes import in_threads
 from .orbits import DISPLACEMENT, SPEED, Model, Shooting, fastest, unpack
 from .shooting import Point, Problem, at_speed, largest_displacement, solved
@@ -57,8 +57,8 @@ class FoldSearch:
         if self.fold is None:
             for share in UP_TO_HIGHEST if self.stable else ABOUT_HOPF:
                 speed = share * self.hopf
-                at, moved = (speed, MOVED) if self.stable else (self.hopf, 0.0)
-                state, omega = hunting_mode(self.model, self.shooting, at, moved)
+                at, mode = (speed, wheelset_mode) if self.stable else (self.hopf, hunting_mode)
+                state, omega = mode(self.model, self.shooting, at)
                 yield from self._starts(state, 2.0 * np.pi / omega, speed, clearance)
             return
         orbit = unpack(self.model, self.shooting, self.fold.unknowns)

@@ -17,7 +17,7 @@ from .errors import InputError, NumericalError
 from .motion import PASSIVE
 from .precision import require_double_precision
 from .quantities import Constraint, Quantity
-from .tuning import Evaluator, checked, notes_of, start_points
+from .tuning import Evaluator, checked, notes_of, promising, start_points
 from .vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -122,9 +122,19 @@ def pareto(
         count += found.evaluations
         return found
 
-    high = best(against, constraints, start)
-    # the best objective may be one of many: looked for from both sides
-    low = min((best(objective, constraints, x) for x in (start, high.x)), key=lambda end: (bool(end.failure), end.values[0]))
+    def end(of: Quantity, starts: list[np.ndarray]) -> minimise.Descent:
+        """The best of either alone may be one of many: from the given starts, and from the most promising of some points."""
+        nonlocal count
+        alone = Evaluator(space, of, constraints)
+        if alone.cheap:
+            alone.scale = evaluate.scale if of is objective else abs(own[1]) or 1.0
+            starts = [*starts, *promising(alone, start)[:1]]
+            count += alone.looked_at
+        return min((best(of, constraints, x) for x in starts), key=lambda found: (bool(found.failure), found.values[0]))
+
+    high = end(against, [start])
+    low = end(objective, [start, high.x])
+    high = min(high, best(against, constraints, low.x), key=lambda found: (bool(found.failure), found.values[0]))
     ends = [float(evaluate.constraint_of(evaluate(end.x[None])[0][0], 0)) for end in (low, high)]
     count, failed = count + 3, [bool(low.failure)]
     found = [low.x]

@@ -39,6 +39,12 @@ class Evaluator:
         self.scale = 1.0
         self.last: tuple[np.ndarray, list] | None = None
         self.ends: dict[bytes, list] = {}
+        self.looked_at = 0  # points outside of descents
+
+    @property
+    def cheap(self) -> bool:
+        """Whether no quantity is a search on the host."""
+        return self.objective.traced and all(entry.quantity.traced for entry in self.constraints)
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self.last is None or not np.array_equal(self.last[0], x):
@@ -95,7 +101,9 @@ def tune(
 
     `parameters`: bounds in SI by dotted name ("damper.alpha" for the damper's own), see `DesignSpace.of`. `objective` and the
     quantities of `constraints` come from `railjax.objectives`; critical speeds and damping are made greatest, all else least.
-    The first of the `starts` is the vehicle itself, the others are drawn by a Sobol sequence of `seed`.
+    The first of the `starts` is the vehicle itself, the others are drawn by a Sobol sequence of `seed`. With one start and no search on the
+    host among the quantities, the most promising of a few such points is a second start, unless it lies near the answer: what is
+    found is a local optimum, and more starts find more of them.
 
     `optimiser`: "slsqp" (SciPy's; the default for one start), "lbfgs" (optax's in an augmented Lagrangian; the default for
     several, all as one batch), "adam", or any optax transformation. Derivatives are exact and of the mode that suits each quantity.
@@ -120,10 +128,12 @@ def tune(
     evaluate.check(points[0])
     evaluate.scale = abs(first) if np.isfinite(first) and first != 0.0 else 1.0
     descents = run(evaluate, points)
+    if starts == 1 and optimiser is None and evaluate.cheap and not descents[0].failure:
+        descents += [minimise.slsqp(evaluate, x, tolerance, most_steps) for x in promising(evaluate, descents[0].x, seed)[:1]]
     best = _best(descents)
     if best is None:
         raise NumericalError(f"tune: no start could be computed; {_why(evaluate, points[0])}")
-    count = sum(descent.evaluations for descent in descents)
+    count = evaluate.looked_at + sum(descent.evaluations for descent in descents)
     tuned, kept, sharp = _judged(evaluate, vehicle, damper, descents[best], constraints)
     for _ in range(TIGHTENINGS if tighten else 0):
         if all(entry.met for entry in kept) or descents[best].failure:
@@ -183,6 +193,24 @@ def start_points(space: DesignSpace, starts: Any, seed: int) -> Float[np.ndarray
     power = int(np.ceil(np.log2(starts)))
     drawn = qmc.Sobol(own.shape[1], rng=np.random.default_rng(seed)).random_base2(power)[: starts - 1]
     return np.concatenate([own, drawn])
+
+
+#: points of the box looked at for a second start (three a parameter at most), and how far from the answer (largest parameter, share of its range) one must lie
+LOOKED_AT, ELSEWHERE = 8, 0.15
+
+
+def promising(
+    evaluate: Evaluator, known: Float[np.ndarray, "parameters"], seed: int = 0
+) -> list[Float[np.ndarray, "parameters"]]:
+    """Points of a Sobol sequence away from a `known` optimum, the best first: those that meet the constraints, then by violation. One by
+    one, because a batch of its own would be compiled first."""
+    points = start_points(evaluate.space, min(LOOKED_AT, 3 * len(known)) + 1, seed)[1:]
+    points = [x for x in points if np.max(np.abs(x - known)) > ELSEWHERE]
+    values = [evaluate(x[None])[0][0] for x in points]
+    evaluate.looked_at += len(points)
+    computed = [k for k, found in enumerate(values) if np.all(np.isfinite(found))]
+    merit = lambda k: (max(0.0, *values[k][1:]) if len(values[k]) > 1 else 0.0, values[k][0])  # noqa: E731
+    return [points[k] for k in sorted(computed, key=merit)]
 
 
 def _engine(optimiser: Any, starts: int, tolerance: float, most: int) -> tuple[str, Any]:
