@@ -257,6 +257,13 @@ def patterns(model: Model, state: Float[np.ndarray, "states"], displacement: flo
     return starts
 
 
+def displaced_wheelsets(model: Model) -> Float[np.ndarray, "states"]:
+    """All wheelsets displaced by 1 m, at rest."""
+    state = np.zeros(model.states)
+    state[model.displacements] = 1.0
+    return state
+
+
 def _parts(model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Which states are each bogie's and its wheelsets' own (bogies, own), and 1 for those that are no bogie's."""
     bogies, axles = wheelset_shape(model.vehicle)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .along_speed import both_at
+from .attractors import displaced_wheelsets
 from .deflections import size
 from .orbits import DISPLACEMENT, Model, Orbit, Shooting, by_parameters, pack
 from .shooting import BY_AMPLITUDE, Point, Problem, plane, row_of, solution, solved
@@ -22,34 +23,39 @@ FOLD_STEP = 0.06
 FOLD_TOLERANCE, MOST_TRIES = 1e-13, 40
 
 
-def hunting_mode(model: Model, shooting: Shooting, speed: float, moved: float = 0.0) -> tuple[Float[np.ndarray, "states"], float]:
+def hunting_mode(model: Model, shooting: Shooting, speed: float) -> tuple[Float[np.ndarray, "states"], float]:
     """Shape x of the least damped oscillating mode at the Hopf point's `speed` (m/s), and its angular frequency (rad/s).
 
-    The shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there. Where
-    there are any, only modes count in which a wheelset has the share `moved` of the largest displacement.
+    The shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there.
     """
     values, vectors = np.linalg.eig(both_at(model.vehicle, speed, model.damper)[0])
     oscillating = values.imag > 1e-6 * np.max(np.abs(values))
-    coordinates = np.abs(vectors[: size(model.vehicle)])
-    moving = oscillating & (np.max(coordinates[model.displacements], axis=0) >= moved * np.max(coordinates, axis=0))
-    chosen = int(np.argmin(np.where(moving if moving.any() else oscillating, -values.real, np.inf)))
+    return _shape(model, shooting, values, vectors, oscillating)
+
+
+def _shape(
+    model: Model, shooting: Shooting, values: np.ndarray, vectors: np.ndarray, among: np.ndarray
+) -> tuple[Float[np.ndarray, "states"], float]:
+    chosen = int(np.argmin(np.where(among, -values.real, np.inf)))
     vector = vectors[:, chosen]
     return (vector / vector[model.amplitude_index(shooting.wheelset)]).real, float(values.imag[chosen])
 
 
-#: share of the largest displacement in a mode that a wheelset has at least where the wheelsets, not the car body, move; rad/s of
-#: the slowest motion looked for
-MOVED, SLOWEST = 0.3, 1.0
+#: share of the largest displacement in a mode that a wheelset has at least where the wheelsets, not the car body, move; rad/s between which
+#: vehicles hunt; and a usual value
+MOVED, HUNTING, USUAL = 0.3, (3.0, 80.0), 25.0
 
 
 def wheelset_mode(model: Model, shooting: Shooting, speed: float) -> tuple[Float[np.ndarray, "states"], float]:
-    """As `hunting_mode`, away from the Hopf point, where the least damped mode may be one of the car body: that of the wheelsets; all of
-    them displaced where no such mode oscillates."""
-    state, omega = hunting_mode(model, shooting, speed, MOVED)
-    if not (omega > SLOWEST and np.all(np.isfinite(state))):
-        state, omega = np.zeros(model.states), max(omega, SLOWEST)
-        state[model.displacements] = 1.0
-    return state, omega
+    """As `hunting_mode`, away from the Hopf point, where the least damped mode may be another: the least damped one in which the wheelsets
+    move as slowly as vehicles hunt; all of them displaced where there is none."""
+    values, vectors = np.linalg.eig(both_at(model.vehicle, speed, model.damper)[0])
+    coordinates = np.abs(vectors[: size(model.vehicle)])
+    moving = np.max(coordinates[model.displacements], axis=0) >= MOVED * np.max(coordinates, axis=0)
+    among = moving & (values.imag > HUNTING[0]) & (values.imag < HUNTING[1])
+    if among.any():
+        return _shape(model, shooting, values, vectors, among)
+    return displaced_wheelsets(model), USUAL
 
 
 def near_hopf(

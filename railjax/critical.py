@@ -150,8 +150,8 @@ def _judged(search: FoldSearch | None, speed: float, frequency: float, code: flo
     if search is None:
         return np.nan, np.nan, np.nan, Hunting.UNSTABLE if code == Stability.UNSTABLE else Hunting.FAILED
     fold = search.fold
-    if fold is None and search.stable:
-        return np.inf, np.nan, np.nan, Hunting.STABLE
+    if fold is None and search.stable:  # where something goes on that is no limit cycle nothing is proved
+        return (np.inf, np.nan, np.nan, Hunting.STABLE) if search.doubtful is None else (np.nan, np.nan, np.nan, Hunting.FAILED)
     orbit = None if fold is None else unpack(search.model, search.shooting, fold.unknowns)
     # where no fold was found it is at the Hopf point that the step is judged
     at = (speed, frequency) if orbit is None else (float(orbit.speed), 1.0 / float(orbit.period))

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from .attractors import End, Start, drawn, one_period, patterns
-from .continuation import fold_beside, fold_between, fold_near, follow, hunting_mode, wheelset_mode
+from .attractors import End, Start, displaced_wheelsets, drawn, one_period, patterns
+from .continuation import fold_beside, fold_between, fold_near, follow, hunting_mode, near_hopf, wheelset_mode
 from .lanes import in_threads
 from .orbits import DISPLACEMENT, SPEED, Model, Shooting, fastest, unpack
 from .shooting import Point, Problem, at_speed, largest_displacement, solved
@@ -29,8 +29,15 @@ LEAVES = 1.015
 NEARLY = 1e-2
 #: m; motions of one family differ by less between a fold and just above it
 ALIKE = 1e-3
-#: displacement, in clearances, with which motions begin, and below which they are taken to have died out
-LARGE, SMALL = 1.1, 0.1
+#: displacement, in clearances, with which motions begin; also with which where straight running is stable; and below which they are taken
+#: to have died out
+LARGE, LARGER, SMALL = 1.1, 2.0, 0.1
+#: from this share of a fold's speed on motions begin as large as the fold's: a larger one falls past the limit cycles near it
+NEAR_FOLD = 0.998
+#: speeds tried between one at which nothing goes on and one at which something does that is no limit cycle; how often
+BETWEEN, NARROWINGS = 6, 3
+#: share of the flange clearance at which the branch is entered at the Hopf point
+AT_HOPF = 0.1
 #: longest step down the branch (1 mm or 10 m/s), and how many are tried
 LARGEST_STEP, MOST_STEPS = 0.1, 400
 #: folds one below the other
@@ -49,29 +56,41 @@ class FoldSearch:
         self.model, self.shooting, self.hopf, self.stable = model, shooting, hopf, stable
         self.fold: Point | None = None
         self.folds, self.vanished = 0, False
+        # speeds at which nothing goes on and at which something does, where that was no limit cycle; how often these were brought nearer
+        self.doubtful: tuple[float, float] | None = None
+        self.narrowings = 0
         self.rest = SMALL * float(model.vehicle.contact.flange_clearance)
 
     def starts(self) -> Iterator[Start]:
         """Motions about the Hopf point, or up to the highest speed, made of a mode; or about the lowest fold, made of its orbit."""
         clearance = float(self.model.vehicle.contact.flange_clearance)
         if self.fold is None:
-            for share in UP_TO_HIGHEST if self.stable else ABOUT_HOPF:
-                speed = share * self.hopf
+            largest = [LARGE * clearance] + ([LARGER * clearance] if self.stable else [])
+            for speed in self._speeds():
                 at, mode = (speed, wheelset_mode) if self.stable else (self.hopf, hunting_mode)
                 state, omega = mode(self.model, self.shooting, at)
-                yield from self._starts(state, 2.0 * np.pi / omega, speed, clearance)
+                for displacement in largest:
+                    yield from self._starts(state, 2.0 * np.pi / omega, speed, displacement)
             return
         orbit = unpack(self.model, self.shooting, self.fold.unknowns)
         period, speed = float(orbit.period), float(orbit.speed)
         states = one_period(self.model, orbit, steps_of_period(self.model, speed, period))
         displaced = np.max(np.abs(states[:, self.model.displacements]), axis=1)
-        state, largest = states[np.argmax(displaced)], max(clearance, float(np.max(displaced)))
+        state, most = states[np.argmax(displaced)], float(np.max(displaced))
         for share in ABOUT_FOLD:
-            yield from self._starts(state, period, share * speed, largest)
+            yield from self._starts(state, period, share * speed, LARGE * max(clearance, most) if share < NEAR_FOLD else most)
+            # limit cycles of small basins, in which one bogie hunts alone, are hit by other motions: from wheelsets displaced at rest
+            yield from self._starts(displaced_wheelsets(self.model), period, share * speed, clearance)
 
-    def _starts(self, state: Float[np.ndarray, "states"], period: float, speed: float, largest: float) -> Iterator[Start]:
+    def _speeds(self) -> Sequence[float]:
+        """Those at which motions are tried as long as no fold is known, m/s."""
+        if self.doubtful is None:
+            return self.hopf * np.array(UP_TO_HIGHEST if self.stable else ABOUT_HOPF)
+        return np.linspace(*self.doubtful, BETWEEN + 2)[1:-1]
+
+    def _starts(self, state: Float[np.ndarray, "states"], period: float, speed: float, displacement: float) -> Iterator[Start]:
         steps = steps_of_period(self.model, speed, period)
-        for start in patterns(self.model, state, LARGE * largest):
+        for start in patterns(self.model, state, displacement):
             yield Start(self.model, start, period, speed, steps, self.rest)
 
     def descend(self, ends: Sequence[End]) -> bool:
@@ -81,7 +100,7 @@ class FoldSearch:
         other: Point | None = None
         if self.fold is None and not self.stable:
             # above the Hopf point motions do not die out: what is left is a small limit cycle that grows with speed
-            self.vanished = all(end.displacement < self.rest for end in ends)
+            self.vanished = self.doubtful is None and all(end.displacement < self.rest for end in ends)
         for end in ends:
             if not (end.swings and end.displacement > self.rest) or any(self._alike(end.guess, one.guess) for one in tried):
                 continue
@@ -92,7 +111,49 @@ class FoldSearch:
             if motions_end(fold):
                 return self._keep(fold)
             other = fold if _lower(fold, other) else other
-        return other is not None and self._keep(other)
+        if other is not None:
+            return self._keep(other)
+        return self.fold is None and not self.vanished and self._look_between(ends)
+
+    def _look_between(self, ends: Sequence[End]) -> bool:
+        """Where motions go on that are no limit cycles that could be followed, between the lowest speed of these and the highest below it
+        at which nothing does; whether that is worth while. At last the branch that leaves the Hopf point is followed."""
+        speeds = np.array([end.guess[-1] for end in ends]) * SPEED
+        goes_on = np.array([not end.displacement < self.rest for end in ends])
+        if goes_on.any() and self.narrowings < NARROWINGS:
+            low = np.min(speeds[goes_on])
+            quiet = speeds[speeds < low]
+            floor = 0.0 if self.doubtful is None else self.doubtful[0]
+            self.doubtful, self.narrowings = (
+                (float(max(np.max(quiet, initial=floor), 0.5 * low)), float(low)),
+                self.narrowings + 1,
+            )
+            return True
+        if not self.stable:
+            point = solved(
+                self.model,
+                self.shooting,
+                near_hopf(
+                    self.model,
+                    self.shooting,
+                    *hunting_mode(self.model, self.shooting, self.hopf),
+                    self.hopf,
+                    AT_HOPF * 10.0 * self.rest,
+                ),
+            )
+            if point.usable and point.unknowns[-1] * SPEED > self.hopf:
+                self.vanished = True
+            elif point.usable:
+                fold = self._first_fold(point)
+                return fold is not None and self._keep(fold)
+        return False
+
+    def _first_fold(self, start: Point) -> Point | None:
+        """Of the branch that leaves the Hopf point towards lower speeds."""
+        for point, before in follow(self.model, self.shooting, start, LARGEST_STEP, MOST_STEPS):
+            if before.slope < 0.0 <= point.slope:
+                return fold_between(self.model, self.shooting, before, point)
+        return None
 
     def _keep(self, fold: Point) -> bool:
         self.fold, self.folds = fold, self.folds + 1
