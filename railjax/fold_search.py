@@ -82,7 +82,7 @@ class FoldSearch:
             # limit cycles of small basins, in which one bogie hunts alone, are hit by other motions: from wheelsets displaced at rest
             yield from self._starts(displaced_wheelsets(self.model), period, share * speed, clearance)
 
-    def _speeds(self) -> Sequence[float]:
+    def _speeds(self) -> Float[np.ndarray, "speeds"]:
         """Those at which motions are tried as long as no fold is known, m/s."""
         if self.doubtful is None:
             return self.hopf * np.array(UP_TO_HIGHEST if self.stable else ABOUT_HOPF)

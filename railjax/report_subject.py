@@ -80,12 +80,13 @@ class Subject:
 
     def needs_hunting(self) -> Branch:
         """The branch of limit cycles; `Absent` for a vehicle that is stable at all speeds and has none."""
+        if not self.stable:
+            self.needs_critical_speed()
+            return self.hunting()
         try:
             return self.hunting()
         except NumericalError:
-            if not self.stable:
-                raise
-        raise Absent(f"Straight running is stable, and no limit cycle was found, up to {HIGHEST * KMH:.0f} km/h.")
+            raise Absent(f"Straight running is stable up to {HIGHEST * KMH:.0f} km/h, and no limit cycle was found.") from None
 
 
 def drawn(slug: str, alternative: str, caption: str, page: "Figure") -> str:
