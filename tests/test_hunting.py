@@ -10,8 +10,10 @@ import pytest
 
 import railjax
 from railjax import cli_linear, orbits, plots, shooting
+from railjax.attractors import End
 from railjax.cli import status
 from railjax.floquet import multipliers_of
+from railjax.fold_search import FoldSearch
 from railjax.limit_cycles import Branch
 from railjax.orbits import Model, Orbit, Shooting
 from railjax.units import KMH
@@ -305,10 +307,14 @@ def test_command_line(capsys, tmp_path):
     assert "railjax: --out" in capsys.readouterr().err
 
 
+def with_yaw_dampers(*values):
+    return dataclasses.replace(railjax.load_vehicle("coach"), yaw_damper=railjax.YawDamper(*values))
+
+
 @functools.cache
 def blown_off():
     """A coach that no speed makes unstable, whose yaw dampers blow off in large motions (the audit's case of hunting without a Hopf point)."""
-    coach = dataclasses.replace(railjax.load_vehicle("coach"), yaw_damper=railjax.YawDamper(1.04e6, 1.3, 3.8e-3, 7.7e3, 1.9e7))
+    coach = with_yaw_dampers(1.04e6, 1.3, 3.8e-3, 7.7e3, 1.9e7)
     changes = {
         "contact__conicity": 0.23,
         "contact__friction": 0.35,
@@ -352,3 +358,30 @@ def test_isolated_limit_cycles_on_the_command_line_and_drawn():
         labels = axes[0, 0].get_legend_handles_labels()[1]
     assert any("fold" in label for label in labels)
     assert not any("Hopf" in label for label in labels)
+
+
+def test_what_is_no_limit_cycle_above_the_hopf_point_leaves_the_linear_critical_speed():
+    """2 % above it this coach's motion of 7 mm is not periodic, and nothing hunts at 99 % (60 s from five large disturbances by
+    benchmarks/random_hunting.py); the branch leaves the Hopf point towards higher speeds."""
+    changes = {
+        "contact__conicity": 0.28227630882259,
+        "contact__friction": 0.4802130547868749,
+        "contact__flange_clearance": 6.146771180254421e-3,
+        "contact__flange_stiffness": 8871757.819494389,
+        "primary__stiffness_x": 5524745.279048182,
+        "primary__stiffness_y": 9263396.304686327,
+        "secondary__damping_y": 18320.867872095667,
+    }
+    coach = with_yaw_dampers(1179130.3140105978, 1.3, 6.704776695697665e-3, 6128.626154960816, 10646226.318967136)
+    found = railjax.nonlinear_critical(railjax.replace(coach, **changes))
+    assert found.code == railjax.Hunting.SUPERCRITICAL
+    assert float(found.speed) == float(found.linear.speed)
+
+
+def test_motions_that_shrink_to_small_limit_cycles_are_supercritical(coach):
+    """All ends below a tenth of the clearance, also above the Hopf point, where straight running is unstable."""
+    model = orbits.model_of(coach, railjax.PassiveDamper())
+    search = FoldSearch(model, Shooting(200, 2), 68.2)
+    guess = np.append(np.zeros(model.states - 1), [1.0, 6.8])
+    assert not search.descend([End(guess, 5e-4, True)] * 3)
+    assert search.vanished

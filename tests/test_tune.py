@@ -298,3 +298,26 @@ def test_a_search_that_goes_to_and_fro_is_ended():
     a, b = np.meshgrid(*[np.linspace(0, 1, 2001)] * 2)
     met = 0.6 - 0.5 * (a + b) + np.where(a > 0.4581792391687, 0.008553112, 0.0) <= 1e-9
     assert found.values[0] <= np.min((a * a + 0.885326964 * b * b + 0.3 * a)[met]) + 1e-3
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Wells(Quantity):
+    """Two wells over the conicity's share of its range: the nearer one, at 0.25, is not the deeper one, at 0.85."""
+
+    @property
+    def name(self):
+        return "depth"
+
+    def value(self, vehicle, damper):
+        x = (vehicle.contact.conicity - 0.1) / 0.2
+        return 2.0 - jnp.exp(-(((x - 0.25) / 0.1) ** 2)) - 1.5 * jnp.exp(-(((x - 0.85) / 0.15) ** 2))
+
+    def sharp(self, vehicle, damper):
+        return float(self.value(vehicle, damper))
+
+
+def test_a_second_start_leaves_a_local_optimum(coach):
+    found = railjax.tune(railjax.replace(coach, contact__conicity=0.14), {"contact.conicity": (0.1, 0.3)}, Wells())
+    assert found.parameters["contact.conicity"] == pytest.approx(0.1 + 0.2 * 0.85, rel=2e-3)
+    assert len(found.descents) == 2
