@@ -1,0 +1,111 @@
+"""Records of rides: accelerations by direction out of a file, with gravity and missing units told from their means."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .csv_columns import TIME_NAMES, TIME_UNITS, Columns, Names, Samples, Units, read_columns
+from .errors import InputError
+from .file_units import STANDARD_GRAVITY, factor
+from .stamps import BRIDGE, sampling
+
+ACCELERATIONS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY}
+
+_ACROSS = {"lateral": "y", "vertical": "z", "longitudinal": "x"}
+
+#: by these names a column is found without being told
+NAMES: Names = {
+    "time": TIME_NAMES,
+    **{
+        direction: (direction, f"a{axis}", f"a {axis}", axis, f"{direction} acceleration", f"acceleration {direction}", f"acc {direction}",
+                    f"acc {axis}", f"acc{axis}", f"{direction} acc", f"{direction} accel", f"accel {direction}")
+        for direction, axis in _ACROSS.items()
+    },
+    "seat lateral": ("seat lateral", "seat y", "seat ay"),
+    "seat vertical": ("seat vertical", "seat z", "seat az"),
+    "backrest longitudinal": ("backrest longitudinal", "backrest x", "seat back longitudinal", "seat back x"),
+    "roll rate": ("roll rate", "roll velocity", "gyro x", "gyroscope x"),
+}  # fmt: skip
+ROLL_RATES = {"rad/s": 1.0, "deg/s": np.pi / 180.0, "°/s": np.pi / 180.0}
+UNITS: Units = {kind: {"time": TIME_UNITS, "roll rate": ROLL_RATES}.get(kind, ACCELERATIONS) for kind in NAMES}
+
+#: what is judged if no column is named; a roll rate and the seat are beside them
+FLOOR = tuple(_ACROSS)
+
+#: shares of g between which the mean of a vertical record is gravity
+GRAVITY = (0.85, 1.1)
+
+
+@dataclass(frozen=True)
+class Ride:
+    """Accelerations (m/s^2, a roll rate in rad/s) by direction, sampled evenly at `rate` Hz; `notes` say what was assumed."""
+
+    values: dict[str, Samples]
+    rate: float
+    notes: tuple[str, ...]
+
+
+def read_ride(
+    path: str | Path,
+    *,
+    columns: Mapping[str, str | None] | None = None,
+    units: Mapping[str, str | None] | None = None,
+    sample_rate: float | None = None,
+    bridge: float = BRIDGE,
+    names: Names = NAMES,
+    known: Units = UNITS,
+    purpose: str = "judge comfort",
+) -> Ride:
+    """Read a ride: `columns` and `units` by direction ("lateral", ...) or "time", as `read_record` takes them.
+
+    Accelerations that are named are the only ones; the rate (Hz) has the last word over the time. Where the unit is not said, a
+    vertical record whose mean is 1 is in g, with gravity in it, and so are those beside it. Raises `InputError`.
+    """
+    path, told = Path(path), {kind: name for kind, name in (columns or {}).items() if name is not None}
+    wanted = [kind for kind in names if kind in ("time", *told) or not set(told) - {"time"}]
+    given = {kind: unit for kind, unit in (units or {}).items() if kind in wanted or kind not in names}
+    read = read_columns(
+        path,
+        {kind: names[kind] for kind in wanted},
+        known,
+        columns=told,
+        given=given,
+        purpose=purpose,
+        options=("--columns {}=", "--unit {}="),
+        lenient=() if sample_rate is None else ("time",),
+    )
+    found = read.found
+    time = found.pop("time", None)
+    if not found:
+        raise InputError(f"{path}: no column of an acceleration; name it, as in --columns lateral=NAME; {read.there}")
+    grid = sampling(time, sample_rate, path, "--fs", unit_assumed="time" in read.assumed, bridge=bridge, there=read.there)
+    notes = [*read.notes, *grid.notes]
+    unsaid = [kind for kind in found if kind in read.assumed and known[kind] is ACCELERATIONS]
+    if unsaid and (unit := _unit_by_gravity(path, read)) is not None:
+        of = "vertical column's" if "vertical" in found else "vertical column's (not judged)"
+        notes = [note for note in notes if not any(note.startswith(f"unit of {kind} ") for kind in unsaid)]
+        notes.append(f"unit of {', '.join(unsaid)}: {unit} (assumed; not said, and the {of} mean is 1 g in it)")
+        found |= {kind: found[kind] * factor(unit, ACCELERATIONS) for kind in unsaid}
+    return Ride({kind: grid.even(values) for kind, values in found.items()}, 1.0 / grid.dt, tuple(notes))
+
+
+def _unit_by_gravity(path: Path, read: Columns) -> str | None:
+    """The unit in which the mean of the vertical acceleration is gravity, of a column that does not say its unit; None if it holds none."""
+    values = read.found.get("vertical") if "vertical" in read.assumed else None
+    if values is None:
+        try:
+            beside = read_columns(path, {"vertical": NAMES["vertical"]}, UNITS, lenient=("vertical",))
+        except InputError:
+            return None
+        values = beside.found.get("vertical") if "vertical" in beside.assumed else None
+    if values is None or not np.isfinite(values).any():
+        return None
+    mean = abs(float(np.nanmean(values)))
+    for unit in ("g", "m/s2"):
+        if GRAVITY[0] < mean * ACCELERATIONS[unit] / STANDARD_GRAVITY < GRAVITY[1]:
+            return unit
+    if mean > 2.0:
+        raise InputError(f"{path}: the vertical acceleration has the mean {mean:.4g} and no unit; give it, as in --unit g")
+    return None
