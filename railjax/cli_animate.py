@@ -29,7 +29,10 @@ def animate(
         float | None, typer.Option(help="Displacement of all wheelsets at the start in mm; 5 on even track, 0 on others.")
     ] = None,
     track: Annotated[
-        str | None, typer.Option(help="A random track, erri-low, erri-high, fra-1 to fra-6; or the file of a measured one, or of a spectrum.")
+        str | None,
+        typer.Option(
+            help="A random track, erri-low, erri-high, fra-1 to fra-6; or the file of a measured one, or of a spectrum."
+        ),
     ] = None,
     track_seed: Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")] = None,
     amplitude_mm: Annotated[float | None, typer.Option(help="Instead: amplitude of a sinusoidal alignment in mm.")] = None,

@@ -93,7 +93,9 @@ def damper_design(
 
 
 LAWS, METHODS = ("saturating", "linear"), ("levenberg-marquardt", "adam")
-Column = Annotated[str | None, typer.Option(help="Its column, or its number from 1; else the header is searched.", show_default=False)]
+Column = Annotated[
+    str | None, typer.Option(help="Its column, or its number from 1; else the header is searched.", show_default=False)
+]
 Unit = Annotated[str | None, typer.Option(help="Its unit; else as the header says, else SI.", show_default=False)]
 
 

@@ -9,24 +9,30 @@ import typer
 
 from .cli_common import finite
 from .errors import InputError
-from .text_table import is_table
 
 if TYPE_CHECKING:
     from .track import Track
 
 Columns = Annotated[
     str | None,
-    typer.Option(help="Columns of the file, as 'lateral=Ay,vertical=Az' or, of a track, 'distance=km,alignment=3' (numbers count from 1)."),
+    typer.Option(
+        help="Columns of the file, as 'lateral=Ay,vertical=Az' or, of a track, 'distance=km,alignment=3' (numbers count from 1)."
+    ),
 ]
 Units = Annotated[
-    list[str] | None, typer.Option("--unit", help="Unit of a column, as lateral=g (may be repeated); g alone is of all accelerations.")
+    list[str] | None,
+    typer.Option("--unit", help="Unit of a column, as lateral=g (may be repeated); g alone is of all accelerations."),
 ]
-TimeUnit = Annotated[str | None, typer.Option(help="Unit of the file's time: s, ms, us, ns, min, ... (default: from the header).")]
-ChordM = Annotated[float | None, typer.Option(help="The track's file holds versines over chords of this length in m: restore the alignment.")]
+TimeUnit = Annotated[
+    str | None, typer.Option(help="Unit of the file's time: s, ms, us, ns, min, ... (default: from the header).")
+]
+ChordM = Annotated[
+    float | None, typer.Option(help="The track's file holds versines over chords of this length in m: restore the alignment.")
+]
 LongestM = Annotated[float | None, typer.Option(help="Filter away longer waves of the track's file, in m.")]
 ShortestM = Annotated[float | None, typer.Option(help="Filter away shorter waves of the track's file, in m.")]
 BridgeM = Annotated[float | None, typer.Option(help="Bridge spikes and holes of the track's file up to this length in m.")]
-BridgeS = Annotated[float, typer.Option(help="Bridge holes of the record up to this many s.")]
+BridgeS = Annotated[float | None, typer.Option(help="Bridge holes of the record up to this many s; 0.1 if not given.")]
 
 
 def named(option: str, texts: Iterable[str], kinds: Iterable[str], left: str = "direction") -> dict[str, str | None]:
@@ -43,7 +49,9 @@ def named(option: str, texts: Iterable[str], kinds: Iterable[str], left: str = "
     return found
 
 
-def units_of(texts: list[str] | None, kinds: Iterable[str], time_unit: str | None = None, known: dict[str, float] | None = None) -> dict:
+def units_of(
+    texts: list[str] | None, kinds: Iterable[str], time_unit: str | None = None, known: dict[str, float] | None = None
+) -> dict:
     """Units by quantity: a unit alone is that of all but the time. `known` are the units that such a one may be. Raises `InputError`."""
     from .file_units import factor
 
@@ -71,6 +79,7 @@ def track_file(
 ) -> dict[str, Any]:
     """How the file of `--track` is to be read, for `make_track`. Raises `InputError` where there is none to read."""
     from . import measured_track, spectra
+    from .text_table import is_table
 
     finite(chord_m=chord_m, longest_m=longest_m, shortest_m=shortest_m, bridge_m=bridge_m)
     options = {"chord": chord_m, "longest": longest_m, "shortest": shortest_m, "bridge": bridge_m}
@@ -91,7 +100,7 @@ def track_of_file(name: str, seed: int | None, length: float, options: dict[str,
     told = set(columns) | set(units)
     of_track = quantities(Path(name), measured_track.NAMES, measured_track.UNITS, columns)
     of_spectrum = quantities(Path(name), spectra.NAMES, spectra.UNITS, columns)
-    if of_spectrum == set(spectra.NAMES) and not of_track & {"alignment", "left", "right"} or told & set(spectra.NAMES):
+    if (of_spectrum == set(spectra.NAMES) and not of_track & {"alignment", "left", "right"}) or told & set(spectra.NAMES):
         rest = [key for key in ("chord", "longest", "shortest", "bridge") if options.get(key) is not None]
         if rest:
             raise InputError(f"{name} holds a spectrum, --{rest[0]}-m is for a measured track")

@@ -84,7 +84,9 @@ def make_track(
             raise InputError(f"--{option} and --track exclude each other: give one")
     try:
         length = max(length, LENGTH)
-        found = track_of_file(name, seed, length, file or {}) if is_table(name) else RandomTrack(name, seed=seed or 0, length=length)
+        found = (
+            track_of_file(name, seed, length, file or {}) if is_table(name) else RandomTrack(name, seed=seed or 0, length=length)
+        )
     except InputError as error:
         raise InputError(f"--track: {error}") from None
     return found, [f"track: {line.strip()}" for line in str(found).splitlines()]

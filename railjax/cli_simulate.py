@@ -24,7 +24,10 @@ def simulate(
     bump_m: Annotated[float | None, typer.Option(help="Instead: a single bump of this length in m, at 20 m.")] = None,
     track: Annotated[
         str | None,
-        typer.Option(help=f"Instead: a random track, {TRACKS}; or the file of a measured one, or of a spectrum.", autocompletion=complete_track),
+        typer.Option(
+            help=f"Instead: a random track, {TRACKS}; or the file of a measured one, or of a spectrum.",
+            autocompletion=complete_track,
+        ),
     ] = None,
     track_seed: TrackSeed = None,
     columns: Columns = None,

@@ -124,13 +124,16 @@ def _table(path: Path, names: Names, columns: Mapping[str, str | None]) -> TextT
 
     def names_one(cell: str) -> bool:
         return file_units.plain(cell) in known or any(
-            file_units.plain(name) in known and (bracket or file_units.is_unit(unit)) for name, unit, bracket in file_units.splits(cell)
+            file_units.plain(name) in known and (bracket or file_units.is_unit(unit))
+            for name, unit, bracket in file_units.splits(cell)
         )
 
     return open_table(path, names_one)
 
 
-def _place(table: TextTable, kind: str, names: tuple[str, ...], units: dict[str, float], told: str | None, option: str) -> int | None:
+def _place(
+    table: TextTable, kind: str, names: tuple[str, ...], units: dict[str, float], told: str | None, option: str
+) -> int | None:
     """Index of a quantity's column, None if there is none."""
     if told is not None:
         if told in table.names:
@@ -161,7 +164,9 @@ def _named(cell: str, name: str, units: dict[str, float]) -> bool:
     )
 
 
-def _written_unit(table: TextTable, index: int, kind: str, names: tuple[str, ...], units: dict[str, float], told: str) -> str | None:
+def _written_unit(
+    table: TextTable, index: int, kind: str, names: tuple[str, ...], units: dict[str, float], told: str
+) -> str | None:
     """The unit that the header or the row of units says; None if they say none."""
     cell, below = table.names[index], table.units[index]
     splits = list(file_units.splits(cell))
@@ -172,7 +177,9 @@ def _written_unit(table: TextTable, index: int, kind: str, names: tuple[str, ...
         return below
     written = below or next((unit for name, unit, bracket in splits if bracket and file_units.plain(cell) not in names), None)
     if written is not None:
-        raise InputError(f"{table.path}: unit {written!r} of column {cell!r} is not known; use one of {', '.join(units)}, or {told}")
+        raise InputError(
+            f"{table.path}: unit {written!r} of column {cell!r} is not known; use one of {', '.join(units)}, or {told}"
+        )
     return None
 
 
@@ -184,7 +191,9 @@ def _stamps(table: TextTable, index: int) -> Samples | None:
     seconds = seconds_of(texts, str(table.path))
     if seconds is not None and not np.all(np.isfinite(seconds)):
         row = int(np.argmax(~np.isfinite(seconds)))
-        raise InputError(f"{table.path}, line {table.lines[row]}: column {table.names[index]!r} holds {texts[row][:40]!r}, no stamp of time")
+        raise InputError(
+            f"{table.path}, line {table.lines[row]}: column {table.names[index]!r} holds {texts[row][:40]!r}, no stamp of time"
+        )
     return seconds
 
 

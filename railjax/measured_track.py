@@ -173,7 +173,9 @@ class MeasuredTrack(SampledTrack):
             word = kind.replace("_", " ")
             if kind in read.lacking:
                 del found[kind]
-                notes.append(f"{word}: left out ({read.lacking[kind].removeprefix(f'{path}, ')}); the lateral model does not use it")
+                notes.append(
+                    f"{word}: left out ({read.lacking[kind].removeprefix(f'{path}, ')}); the lateral model does not use it"
+                )
             else:
                 notes.append(f"{word}: kept, but the lateral model does not use it")
         if np.all(np.diff(found["distance"]) < 0.0):
@@ -221,7 +223,9 @@ def _refuse_versines(read: Columns, chord: float | None, path: Path) -> None:
     """A column of versines is no alignment."""
     versines = [name for kind, name in read.names.items() if kind in ("alignment", "left", "right") and VERSINES.search(name)]
     if chord is None and versines:
-        raise InputError(f"{path}: column {versines[0]!r} holds versines over a chord; give the chord's length (chord, --chord-m)")
+        raise InputError(
+            f"{path}: column {versines[0]!r} holds versines over a chord; give the chord's length (chord, --chord-m)"
+        )
 
 
 def _mended(record: MeasuredRecord, bridge: float | None) -> MeasuredRecord:
@@ -252,7 +256,9 @@ def _mended(record: MeasuredRecord, bridge: float | None) -> MeasuredRecord:
     notes = []
     if steps[widest] > 3.0 * usual:
         gaps = int(np.sum(steps > 3.0 * usual))
-        notes.append(f"distance: {gaps} gap(s), the widest of {steps[widest]:g} m after {record.distance[widest]:g} m, splined over")
+        notes.append(
+            f"distance: {gaps} gap(s), the widest of {steps[widest]:g} m after {record.distance[widest]:g} m, splined over"
+        )
     alone = spikes(record.alignment)
     if alone.any():
         where = ", ".join(f"{d:g}" for d in record.distance[alone][:5]) + (" m and on" if alone.sum() > 5 else " m")

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .comfort import MEAN_SCALE
+from .comfort_result import MEAN_SCALE
 from .dampers import HARD, SOFT, Damper
 from .deflections import CARBODY_TO_FLOOR, FLOOR_POINTS
 from .frequency import Excitation, excitation, frequency_response

@@ -9,6 +9,7 @@ import numpy as np
 from .csv_columns import TIME_NAMES, TIME_UNITS, Columns, Names, Samples, Units, read_columns
 from .errors import InputError
 from .file_units import STANDARD_GRAVITY, factor
+from .ride_indices import GRAVITY
 from .stamps import BRIDGE, sampling
 
 ACCELERATIONS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY}
@@ -30,12 +31,6 @@ NAMES: Names = {
 }  # fmt: skip
 ROLL_RATES = {"rad/s": 1.0, "deg/s": np.pi / 180.0, "°/s": np.pi / 180.0}
 UNITS: Units = {kind: {"time": TIME_UNITS, "roll rate": ROLL_RATES}.get(kind, ACCELERATIONS) for kind in NAMES}
-
-#: what is judged if no column is named; a roll rate and the seat are beside them
-FLOOR = tuple(_ACROSS)
-
-#: shares of g between which the mean of a vertical record is gravity
-GRAVITY = (0.85, 1.1)
 
 
 @dataclass(frozen=True)
@@ -73,7 +68,7 @@ def read_ride(
         columns=told,
         given=given,
         purpose=purpose,
-        options=("--columns {}=", "--unit {}="),
+        options=("--columns {}=", "--unit"),
         lenient=() if sample_rate is None else ("time",),
     )
     found = read.found

@@ -141,9 +141,13 @@ class TableSpectrum:
         )
         for kind in NAMES:
             if kind not in read.found:
-                raise InputError(f"{path}: no column of the {kind}; name it {' or '.join(NAMES[kind])} in the header; {read.there}")
+                raise InputError(
+                    f"{path}: no column of the {kind}; name it {' or '.join(NAMES[kind])} in the header; {read.there}"
+                )
             if kind in read.assumed:
-                raise InputError(f"{path}: column {read.assumed[kind]!r} does not say its unit, as in '{kind} ({next(iter(UNITS[kind]))})'")
+                raise InputError(
+                    f"{path}: column {read.assumed[kind]!r} does not say its unit, as in '{kind} ({next(iter(UNITS[kind]))})'"
+                )
         try:
             return cls.checked(read.found["wavenumber"], read.found["density"])
         except InputError as error:

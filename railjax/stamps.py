@@ -11,7 +11,14 @@ from .errors import InputError
 Samples = Float[np.ndarray, "samples"]
 
 #: dates that are not ISO 8601; those with a slash say as much forwards as backwards within a day
-DATES = ("%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S", "%Y/%m/%d %H:%M:%S.%f", "%Y/%m/%d %H:%M:%S", "%d/%m/%Y %H:%M:%S.%f", "%d/%m/%Y %H:%M:%S")
+DATES = (
+    "%d.%m.%Y %H:%M:%S.%f",
+    "%d.%m.%Y %H:%M:%S",
+    "%Y/%m/%d %H:%M:%S.%f",
+    "%Y/%m/%d %H:%M:%S",
+    "%d/%m/%Y %H:%M:%S.%f",
+    "%d/%m/%Y %H:%M:%S",
+)
 CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?")
 
 #: seconds since 1970 of the years 1990 to 2070, by which an epoch is told, in units
@@ -38,7 +45,9 @@ def seconds_of(texts: list[str], path: str) -> Samples | None:
         return None
     if CLOCK.fullmatch(first):
         whole = [text if text.count(":") == 2 else f"{text}:00" for text in texts]
-        clock = pd.to_timedelta(pd.Series(whole).str.replace(",", ".", regex=False), errors="coerce").dt.total_seconds().to_numpy()
+        clock = (
+            pd.to_timedelta(pd.Series(whole).str.replace(",", ".", regex=False), errors="coerce").dt.total_seconds().to_numpy()
+        )
         midnight = np.concatenate([[0.0], np.cumsum(np.diff(clock) < -43200.0)])
         return clock - clock[0] + 86400.0 * midnight
     stamps = pd.Series(texts).str.replace(",", ".", regex=False)
@@ -97,10 +106,14 @@ def sampling(
     if sample_rate is not None:
         return Grid(1.0 / sample_rate, notes=_told(time, sample_rate, option))
     if time is None:
-        raise InputError(f"{path}: no column of the time; name it 'time', or give {option} in Hz" + (f"; {there}" if there else ""))
+        raise InputError(
+            f"{path}: no column of the time; name it 'time', or give {option} in Hz" + (f"; {there}" if there else "")
+        )
     steps = np.diff(time)
     if unit_assumed and np.median(steps) >= SLOWEST and epoch_unit(time) is None:
-        raise InputError(f"{path}: a sample every {np.median(steps):g} s, if the time is in s; give its unit by {unit_option}, or {option}")
+        raise InputError(
+            f"{path}: a sample every {np.median(steps):g} s, if the time is in s; give its unit by {unit_option}, or {option}"
+        )
     resolution = _resolution(time)
     dt = _rounded(time, resolution)
     if dt is not None:
@@ -123,9 +136,13 @@ def sampling(
     step = float(np.mean(steps[~holes]))
     dt = _round_rate(step)
     off = float(np.max(np.abs(steps[~holes] - step))) / step
-    notes = [f"time: stamps up to {off:.0%} of a step off, resampled at {1.0 / dt:.6g} Hz (cubic); {option} takes the samples as even"]
+    notes = [
+        f"time: stamps up to {off:.0%} of a step off, resampled at {1.0 / dt:.6g} Hz (cubic); {option} takes the samples as even"
+    ]
     if holes.any():
-        notes.append(f"time: {int(holes.sum())} hole(s) up to {steps[holes].max():.4g} s bridged, the first after {time[int(np.argmax(holes))]:g} s")
+        notes.append(
+            f"time: {int(holes.sum())} hole(s) up to {steps[holes].max():.4g} s bridged, the first after {time[int(np.argmax(holes))]:g} s"
+        )
     return Grid(dt, time - time[0], holes, tuple(notes))
 
 

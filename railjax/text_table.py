@@ -24,7 +24,9 @@ SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".tab", ".asc", ".prn", ".log")
 
 #: a number with either decimal mark, a stamp of time (with a date or not), and what stands for no value
 NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf(?:inity)?)", re.IGNORECASE)
-STAMP = re.compile(r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ]?)?\s*(?:\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?)?\s*(?:Z|[+-]\d{2}:?\d{2})?")
+STAMP = re.compile(
+    r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ]?)?\s*(?:\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?)?\s*(?:Z|[+-]\d{2}:?\d{2})?"
+)
 NOTHING = ("", "-", "--", "na", "n/a", "null", "none")
 
 #: lines that are looked at for the form, and characters for the encoding
@@ -218,14 +220,14 @@ def is_number(cell: str) -> bool:
 
 
 def _is_value(cell: str) -> bool:
-    return is_number(cell) or (":" in cell or cell.count("-") > 1) and STAMP.fullmatch(cell) is not None
+    return is_number(cell) or ((":" in cell or cell.count("-") > 1) and STAMP.fullmatch(cell) is not None)
 
 
 def _separator(tail: list[str], looked: list[str], path: Path) -> tuple[str, int]:
     """By which the most cells become numbers, and the number of cells."""
     best, found = 0.0, ("", 1)
     for separator in SEPARATORS:
-        if separator and not any((separator in line.strip() or separator == " " and "\t" in line) for line in tail):
+        if separator and not any((separator in line.strip() or (separator == " " and "\t" in line)) for line in tail):
             continue
         cells = [split(line, separator) for line in tail]
         count, of = Counter(map(len, cells)).most_common(1)[0]
@@ -273,7 +275,7 @@ def _header(
         cells = _header_cells(line, separator, count)
         named = any(map(known, cells))
         if len(cells) != count:
-            if comment or not (named or separator == "," and separator in line):
+            if comment or not (named or (separator == "," and separator in line)):
                 continue
             raise InputError(
                 f"{path}: the header names {len(cells)} columns, the rows have {count} cells (separated by {SEPARATORS[separator]})"

@@ -77,9 +77,13 @@ def restored(versines: Samples, spacing: float, chord: float, longest: float | N
     reach = float(np.pi * chord / np.arccos(1.0 - SHOWN_LONG))
     limit = min(reach, LONGEST) if longest is None else longest
     if limit > 2.0 * reach:
-        raise InputError(f"{name}: of waves of {limit:g} m a chord of {chord:g} m shows {shown(chord, limit):.1%}; longest {2 * reach:.0f} m at most")
+        raise InputError(
+            f"{name}: of waves of {limit:g} m a chord of {chord:g} m shows {shown(chord, limit):.1%}; longest {2 * reach:.0f} m at most"
+        )
     if not chord < limit < length:
-        raise InputError(f"{name}: longest must lie between the chord ({chord:g} m) and the record's length ({length:g} m), not {limit:g}")
+        raise InputError(
+            f"{name}: longest must lie between the chord ({chord:g} m) and the record's length ({length:g} m), not {limit:g}"
+        )
     margin = min(versines.size - 1, round(2.0 * limit / spacing))
     padded = np.pad(versines - versines.mean(), margin, mode="reflect", reflect_type="odd")
     frequency = np.fft.rfftfreq(padded.size, spacing)
@@ -88,7 +92,9 @@ def restored(versines: Samples, spacing: float, chord: float, longest: float | N
     t = np.clip(2.0 * share / SHOWN - 1.0, 0.0, 1.0)
     near = np.where(frequency < 1.0 / chord, 1.0, t**2 * (3.0 - 2.0 * t))
     with np.errstate(divide="ignore", invalid="ignore"):
-        gain = np.where((share > 0.0) & (frequency > 0.0), near / share, 0.0) / (1.0 + (1.0 / (limit * np.maximum(frequency, 1e-12))) ** 8)
+        gain = np.where((share > 0.0) & (frequency > 0.0), near / share, 0.0) / (
+            1.0 + (1.0 / (limit * np.maximum(frequency, 1e-12))) ** 8
+        )
     alignment = np.fft.irfft(np.fft.rfft(padded) * gain, padded.size)[margin : margin + versines.size]
     return Restored(alignment, _lost(chord, spacing, limit))
 
