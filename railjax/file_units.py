@@ -7,7 +7,7 @@ from typing import Any
 
 #: what people write and pint does not take, in its words
 SPELLINGS = {
-    "²": "^2", "³": "^3", "⁻²": "^-2", "⁻¹": "^-1", "−": "-", "·": "*", "⋅": "*", "×": "*", "µ": "u", "μ": "u", "''": "inch", '"': "inch"
+    "⁻²": "^-2", "⁻¹": "^-1", "²": "^2", "³": "^3", "−": "-", "·": "*", "⋅": "*", "×": "*", "µ": "u", "μ": "u", "\'\'": "inch", '"': "inch"
 }  # fmt: skip
 ALIASES = ("@alias force_ton = tonf", "kmh = kilometer / hour", "ips = inch / second", "kp = force_kilogram")
 
@@ -58,7 +58,9 @@ def splits(cell: str) -> Iterator[tuple[str, str, bool]]:
     if re.fullmatch(r"g-?f(orce)?[ _]?[xyz]", cell, re.IGNORECASE):  # as phones write an acceleration in g
         yield cell, "g", False
     for blank in re.finditer(r"[_ ]+", cell):
-        yield cell[: blank.start()], re.sub(r"_?per_?", "/", cell[blank.end() :]).replace("_", " "), False
+        unit = re.sub(r"[_ ]per[_ ]", "/", cell[blank.end() :])
+        for joined in " /":
+            yield cell[: blank.start()], unit.replace("_", joined), False
 
 
 def plain(name: str) -> str:
@@ -72,7 +74,7 @@ def _spelled(written: str) -> str:
     for mark, own in SPELLINGS.items():
         text = text.replace(mark, own)
     text = text.replace("^^", "^").replace("**", "^")
-    if re.fullmatch(r"m[ .*_]?s\^?-2|m s 2|m s\^2", text, re.IGNORECASE) or text.lower() in ("mps2", "ms2", "m/sec2", "m/s/s"):
+    if re.fullmatch(r"m[ .*_]?s\^?-2|m s 2", text, re.IGNORECASE) or text.lower() in ("mps2", "ms2", "m/sec2", "m/s/s"):
         return "m/s^2"
     text = re.sub(r"(?<=[A-Za-z])\.(?=[A-Za-z])", "*", text)
     return re.sub(r"([A-Za-z])(-?\d)", r"\1^\2", text)

@@ -47,7 +47,7 @@ def combined_indices(rms: Mapping[str, Values], blocks: Mapping[str, Values], pe
     channels are there: `rms` weighted, `blocks` of 5 s; the latter two only with `percentiles`."""
     floor, found = [rms[name] for name in FLOOR if name in rms], {}
     if len(floor) > 1:
-        found["a_v"] = np.sqrt(sum(value**2 for value in floor))
+        found["a_v"] = np.sqrt(np.sum([value**2 for value in floor], axis=0))
     if percentiles:
         at = {name: (np.percentile(own, 50.0, axis=0), np.percentile(own, 95.0, axis=0)) for name, own in blocks.items()}
         if all(name in at for name in FLOOR):
@@ -56,7 +56,7 @@ def combined_indices(rms: Mapping[str, Values], blocks: Mapping[str, Values], pe
         if all(name in at for name in ("vertical", *SEAT)):
             z, seat_y, seat_z, back = (at[name][1] for name in ("vertical", *SEAT))
             found["N_VA"] = 4.0 * z + 2.0 * np.sqrt(seat_y**2 + seat_z**2) + 4.0 * back
-    return found
+    return {key: np.asarray(value) for key, value in found.items()}
 
 
 def discrete_events(lateral: Values, rate: float) -> dict[str, Values]:
@@ -72,7 +72,7 @@ def discrete_events(lateral: Values, rate: float) -> dict[str, Values]:
     inner = slice(window // 2, len(lateral) - window // 2)
     peaks = (maximum_filter1d(slow, window, axis=0) - minimum_filter1d(slow, window, axis=0))[inner]
     means = np.abs(uniform_filter1d(slow, window, axis=0))[inner]
-    return {who: np.max(np.maximum(a * peaks + b * means - c, 0.0), axis=0) for who, (a, b, c) in EVENT.items()}
+    return {who: np.asarray(np.max(np.maximum(a * peaks + b * means - c, 0.0), axis=0)) for who, (a, b, c) in EVENT.items()}
 
 
 def curve_transitions(

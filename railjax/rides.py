@@ -3,13 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from .acceptance_record import RunningRecord
 from .csv_columns import TIME_NAMES, TIME_UNITS, Columns, Names, Samples, Units, read_columns
 from .errors import InputError
 from .file_units import STANDARD_GRAVITY, factor
-from .ride_indices import GRAVITY
+from .ride_indices import GRAVITY, gravity_note
 from .stamps import BRIDGE, sampling
 
 ACCELERATIONS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY}
@@ -104,3 +106,39 @@ def _unit_by_gravity(path: Path, read: Columns) -> str | None:
     if mean > 2.0:
         raise InputError(f"{path}: the vertical acceleration has the mean {mean:.4g} and no unit; give it, as in --unit g")
     return None
+
+
+def _numbered(*stems: str) -> tuple[tuple[str, ...], ...]:
+    return tuple(tuple(f"{stem}{gap}{k}" for stem in stems for gap in (" ", "")) for k in range(1, PARTS + 1))
+
+
+#: as many wheelsets, axles or bogies a record of a running test may have
+PARTS = 8
+
+#: columns of a running test, numbered from the front; the lateral acceleration of a ride counts as that over the leading bogie
+OF_TEST: dict[str, tuple[tuple[str, ...], ...]] = {
+    "guiding force": _numbered("guiding force", "sumy", "sum y", "σy", "guiding force wheelset"),
+    "bogie": _numbered("bogie", "bogie acceleration", "bogie frame", "y bogie", "ay bogie"),
+    "carbody": _numbered("carbody", "carbody acceleration", "car body", "body", "lateral", "ay", "ay body"),
+}
+FORCES = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605}
+TEST_NAMES: Names = {"time": TIME_NAMES} | {f"{part} {k}": own for part, each in OF_TEST.items() for k, own in enumerate(each, 1)}
+TEST_NAMES["carbody 1"] += NAMES["lateral"]
+TEST_UNITS: Units = {
+    kind: TIME_UNITS if kind == "time" else FORCES if kind.startswith("guiding") else ACCELERATIONS for kind in TEST_NAMES
+}
+
+
+def read_running_record(path: str | Path, speed: float, **options: Any) -> tuple[RunningRecord, tuple[str, ...]]:
+    """A running test at `speed` (m/s) out of a file, and notes on what was assumed: "guiding force 1", ... of the wheelsets, "bogie 1", ...
+    over the axles, "carbody 1", ... over the bogies; `options` are those of `read_ride`. Raises `InputError`."""
+    ride = read_ride(path, names=TEST_NAMES, known=TEST_UNITS, purpose="judge a run", **options)
+    signals: dict[str, Any] = {}
+    for part, key in (("guiding force", "guiding_force"), ("bogie", "bogie_acceleration"), ("carbody", "carbody_acceleration")):
+        own = [ride.values[f"{part} {k}"] for k in range(1, PARTS + 1) if f"{part} {k}" in ride.values]
+        if own:
+            signals[key] = np.stack(own, axis=1)
+            if key != "guiding_force":
+                for values in own:
+                    gravity_note(part, values)
+    return RunningRecord(speed, ride.rate, **signals, name=Path(path).name), ride.notes

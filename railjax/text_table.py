@@ -78,12 +78,13 @@ class TextTable:
         import pandas as pd
 
         blanks, count = self.separator == " ", len(self.names) + 1
+        separator = self.separator or "\0"  # which no text holds
         # a first row with a cell more, so that pandas finds what is beyond the last column
-        text = "\n".join([self.separator.join("0" * count) if self.separator else "0", *self.rows])
+        text = "\n".join([separator.join("0" * count), *self.rows])
         try:
             frame = pd.read_csv(
                 io.StringIO(text),
-                sep=r"\s+" if blanks else (self.separator or "\x00"),
+                sep=r"\s+" if blanks else separator,
                 decimal=self.decimal,
                 header=None,
                 names=list(range(count)),
@@ -96,8 +97,15 @@ class TextTable:
                 low_memory=False,
             )
         except pd.errors.ParserError as error:
+            if opened := re.search(r"EOF inside string starting at row (\d+)", str(error)):
+                raise self._unclosed(int(opened.group(1)) - 1) from None
             raise InputError(f"{self.path}: cannot be read as CSV ({str(error).splitlines()[0]})") from None
+        if len(frame) != len(self.rows) + 1:
+            raise self._unclosed(next((k for k, row in enumerate(self.rows) if row.count('"') % 2), 0))
         return frame[1:]
+
+    def _unclosed(self, row: int) -> InputError:
+        return InputError(f"{self.path}, line {self.lines[row]}: a quotation mark that is not closed")
 
     def _refuse_long(self, row: int) -> None:
         cells, named = len(split(self.rows[row], self.separator)), "the header" if self.has_header else "most lines"
@@ -251,7 +259,7 @@ def _numeric_columns(cells: list[list[str]], count: int) -> Bool[np.ndarray, "co
     rows = [row for row in cells if len(row) == count]
     filled = np.array([[cell.lower() not in NOTHING for cell in row] for row in rows]).reshape(-1, count)
     good = np.array([[_is_value(cell) for cell in row] for row in rows]).reshape(-1, count)
-    return good.sum(axis=0) > 0.5 * np.maximum(filled.sum(axis=0), 1)
+    return good.sum(axis=0) >= 0.5 * np.maximum(filled.sum(axis=0), 1)
 
 
 def _is_data(cells: list[str], numeric: Bool[np.ndarray, "columns"]) -> bool:
@@ -284,9 +292,9 @@ def _header(
         if units is None and not named and _are_units(cells):
             units = cells
         elif named or not comment:
-            return tuple(cells), tuple(_bare(cell) or None for cell in units) if units else (None,) * count, True
+            return tuple(map(_printable, cells)), tuple(_bare(cell) or None for cell in units) if units else (None,) * count, True
     if units is not None and not before[-1][0]:  # words that could be units, and nothing above them
-        return tuple(units), (None,) * count, True
+        return tuple(map(_printable, units)), (None,) * count, True
     return tuple(str(k + 1) for k in range(count)), (None,) * count, False
 
 
@@ -299,6 +307,11 @@ def _header_cells(line: str, separator: str, count: int) -> list[str]:
     ways = (r"\s+", r"\s{2,}|\t", r"\s+(?![(\[])", r"[,;]\s*")
     whole = [[cell.strip().strip('"') for cell in re.split(way, line.strip())] for way in ways]
     return next((cells for cells in whole if len(cells) == count), split(line, separator))
+
+
+def _printable(name: str) -> str:
+    """For messages of one line."""
+    return "".join(c if c.isprintable() else " " for c in name).strip()
 
 
 def _bare(unit: str) -> str:

@@ -302,7 +302,11 @@ def test_command_line_on_a_record(command, ride):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--fs", "100"], "--fs 100 Hz, but the time column says 200 Hz"),
+        (["--weighting", "vertical=Wq"], "--weighting vertical=Wq: Wq is none of Wk, Wd"),
+        (["--weighting", "Wk"], "--weighting 'Wk': write direction=name"),
+        (["--transition", "3"], "--transition '3': write its start and end"),
+        (["--transition", "30,500"], "must rise and lie within the record's 310 s"),
+        (["--track", "erri-high"], "--track is for a vehicle on a track, not for the record"),
         (["--columns", "lateral=Aq"], "no column 'Aq' for --columns lateral="),
         (["--columns", "Ay"], "--columns 'Ay': write direction=name"),
         (["--unit", "ft"], "--unit must be one of m/s2"),
@@ -324,7 +328,7 @@ def test_command_line_refuses_in_one_line(command, ride, options, message):
         ("y\n1\n2\n3\n", ["--fs", "200"], "are too few"),
         ("y\n1\n2\n3\n", [], "give --fs in Hz"),
         ("q\n1\n2\n3\n", ["--fs", "200"], "no column of an acceleration; name it, as in --columns lateral=NAME"),
-        ("y (ft/s2)\n1\n2\n3\n", ["--fs", "200"], "or --unit"),
+        ("y (stone)\n1\n2\n3\n", ["--fs", "200"], "or --unit"),
     ],
 )
 def test_command_line_refuses_bad_files(command, tmp_path, content, options, message):
