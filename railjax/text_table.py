@@ -278,24 +278,25 @@ def _header(
 ) -> tuple[tuple[str, ...], tuple[str | None, ...], bool]:
     """Names of the columns, their row of units, and whether there are names at all; of the lines before the numbers, and whether
     they are comments."""
-    units: list[str] | None = None
+    found: list[tuple[int, list[str]]] = []
     for comment, line in reversed(before):
         cells = _header_cells(line, separator, count)
-        named = any(map(known, cells))
-        if len(cells) != count:
-            if comment or not (named or (separator == "," and separator in line)):
-                continue
+        good = sum(map(known, cells))
+        if len(cells) == count and (good or not comment or (not found and _are_units(cells))):
+            found.append((good, cells))
+        elif not comment and not found and (good or (separator == "," and separator in line)):
             raise InputError(
                 f"{path}: the header names {len(cells)} columns, the rows have {count} cells (separated by {SEPARATORS[separator]})"
                 + ("; decimal commas between commas?" if separator == "," else "")
             )
-        if units is None and not named and _are_units(cells):
-            units = cells
-        elif named or not comment:
-            return tuple(map(_printable, cells)), tuple(_bare(cell) or None for cell in units) if units else (None,) * count, True
-    if units is not None and not before[-1][0]:  # words that could be units, and nothing above them
-        return tuple(map(_printable, units)), (None,) * count, True
-    return tuple(str(k + 1) for k in range(count)), (None,) * count, False
+        if len(found) == 2:
+            break
+    nothing = (None,) * count
+    if len(found) == 2 and found[1][0] >= found[0][0] and _are_units(found[0][1]):
+        return tuple(map(_printable, found[1][1])), tuple(_bare(cell) or None for cell in found[0][1]), True
+    if found and (found[0][0] or not before[-1][0]):
+        return tuple(map(_printable, found[0][1])), nothing, True
+    return tuple(str(k + 1) for k in range(count)), nothing, False
 
 
 def _header_cells(line: str, separator: str, count: int) -> list[str]:

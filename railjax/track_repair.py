@@ -67,7 +67,7 @@ def restored(versines: Samples, spacing: float, chord: float, longest: float | N
 
     Divided in the frequency domain by what the chord shows of a wave; waves of which it shows less than 0.15 near its zeros (c/2,
     c/4, ...) fade out, and so do those longer than `longest` m (half the amplitude there, as a 4th-order Butterworth filter run
-    both ways), by default 10 chords, at most 200 m.
+    both ways), by default 10 chords, at most 200 m. Within `longest` of the record's ends it is less sure.
     """
     length = spacing * (versines.size - 1)
     if not (np.isfinite(chord) and 4.0 * spacing <= chord <= 0.25 * length):
@@ -85,7 +85,8 @@ def restored(versines: Samples, spacing: float, chord: float, longest: float | N
             f"{name}: longest must lie between the chord ({chord:g} m) and the record's length ({length:g} m), not {limit:g}"
         )
     margin = min(versines.size - 1, round(2.0 * limit / spacing))
-    padded = np.pad(versines - versines.mean(), margin, mode="reflect", reflect_type="odd")
+    # zeros spoil less of the ends than a reflection, whose corner the gain of long waves would swell
+    padded = np.pad(versines - versines.mean(), margin)
     frequency = np.fft.rfftfreq(padded.size, spacing)
     share = shown(chord, 1.0 / np.maximum(frequency, 1e-12))
     # near a zero of short waves; the long end has the filter
@@ -109,5 +110,5 @@ def _lost(chord: float, spacing: float, limit: float) -> tuple[str, ...]:
     short = f"; waves near {', '.join(bands)}{' and so on' if len(bands) == 3 else ''} are lost, of which it shows less than {SHOWN:.0%}"
     return (
         f"alignment: restored from versines over a chord of {chord:g} m{short if bands else ''}",
-        f"alignment: waves longer than {limit:.4g} m are filtered away; the chord shows {shown(chord, limit):.1%} of one, whose noise is as many times larger",
+        f"alignment: waves longer than {limit:.4g} m are filtered away; the chord shows {shown(chord, limit):.1%} of one, whose noise grows as much; the first and last {limit:.0f} m are less sure",
     )

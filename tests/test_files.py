@@ -159,7 +159,7 @@ UNITS = "time (s),ay (m/s2),az (m/s2)"
             {},
             "line 202: column 'ay .*' holds -999.*no value",
         ),
-        (text((TIME, LATERAL, VERTICAL + 1.0), UNITS), {}, ""),
+        (text((TIME, LATERAL, VERTICAL + 1.0), UNITS), {}, "gravity in g; its unit is g"),
         (
             text((1e3 * TIME, *SI[1:]), "time,ay (m/s2),az (m/s2)"),
             {},
@@ -293,3 +293,185 @@ def test_a_long_record_is_read_fast(tmp_path):
     assert len(open_table(path, lambda cell: "ay" in cell)) == rows
     assert len(read_ride(path).values["lateral"]) == rows
     assert time.process_time() - since < 2.0
+
+
+# tracks
+
+DISTANCE = 0.25 * np.arange(6001)
+
+
+def line(s):
+    return 4e-3 * (np.sin(2 * np.pi * s / 17.0) + 0.5 * np.cos(2 * np.pi * s / 43.0))
+
+
+ALIGNMENT = line(DISTANCE)
+
+
+def versines(chord):
+    return ALIGNMENT - 0.5 * (line(DISTANCE - 0.5 * chord) + line(DISTANCE + 0.5 * chord))
+
+
+#: name -> text, encoding, options of `from_csv`
+TRACKS = {
+    "commas": (text((DISTANCE, 1e3 * ALIGNMENT), "distance (m),alignment (mm)"), "utf-8", {}),
+    "semicolons, decimal commas, told": (
+        text((12.5 + 1e-3 * DISTANCE, 1e3 * ALIGNMENT, 0 * DISTANCE + 3), "stan [km];posun [mm];prevyseni [mm]", ";", ","),
+        "cp1250",
+        {"columns": {"distance": "stan", "alignment": "posun", "cross_level": "prevyseni"}},
+    ),
+    "descending kilometres": (
+        text((12.5 + 1e-3 * DISTANCE[::-1], 1e3 * ALIGNMENT[::-1]), "station [km]\talignment [mm]", "\t"),
+        "utf-16",
+        {},
+    ),
+    "no header": (text((DISTANCE, 1e3 * ALIGNMENT), "", " "), "utf-8", {"columns": {"distance": "1", "alignment": "2"}, "units": {"alignment": "mm"}}),
+    "feet and inches": (text((DISTANCE / 0.3048, ALIGNMENT / 0.0254), "Location (ft),Alignment (in)", digits=8), "utf-8", {}),
+    "miles": (text((100.0 + DISTANCE / 1609.344, ALIGNMENT / 0.0254), "milepost (mi),alignment_in", digits=8), "utf-8", {}),
+    "empty cells of the gauge": (
+        text((DISTANCE, ["" if 800 < k < 900 else "1435.0" for k in range(6001)], 1e3 * ALIGNMENT, 1e3 * ALIGNMENT), "chainage (m),gauge (mm),alignment left (mm),alignment right (mm)"),
+        "utf-8",
+        {},
+    ),
+    "sentinels in the cant": (
+        text((DISTANCE, 1e3 * ALIGNMENT, np.where(DISTANCE == 50.0, -9999.0, 3.0)), "Chainage (m);Alignment (mm);Cant (mm)", ";", ","),
+        "utf-8",
+        {},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", TRACKS)
+def test_a_track_is_read_in_every_form(tmp_path, form):
+    content, encoding, options = TRACKS[form]
+    track = railjax.MeasuredTrack.from_csv(written(tmp_path, content, encoding, "line.csv"), **options)
+    assert track.label.distance[0] == pytest.approx(track.label.distance[-1] - 1500.0, abs=1e-3)
+    np.testing.assert_allclose(track.label.alignment, ALIGNMENT, atol=1e-8)
+    if "cells" in form or "sentinels" in form:
+        assert "left out (line" in str(track)
+        assert track.gauge is None
+        assert track.cross_level is None
+    if "descending" in form:
+        assert "turned round" in str(track)
+
+
+def test_spikes_and_holes_are_named_and_bridged_on_request(tmp_path):
+    spoilt = ALIGNMENT.copy()
+    spoilt[777] += 0.02
+    spoilt[2000] -= 0.005
+    track = railjax.MeasuredTrack(DISTANCE, spoilt)
+    assert "2 spike(s) of a single sample kept (bridge takes them out), at 194.25, 500 m" in str(track)
+    mended = railjax.MeasuredTrack(DISTANCE, spoilt, bridge=2.0)
+    np.testing.assert_allclose(mended.label.alignment, ALIGNMENT, atol=2e-5)
+    assert "spike" not in str(railjax.MeasuredTrack(DISTANCE, ALIGNMENT))
+    cells = [f"{1e3 * v:.5f}" for v in ALIGNMENT]
+    cells[1000:1003], cells[3000] = [""] * 3, "-999"
+    path = written(tmp_path, text((DISTANCE, cells), "distance (m),alignment (mm)"), name="line.csv")
+    with pytest.raises(railjax.InputError, match="line 1002: column 'alignment .*' holds ''"):
+        railjax.MeasuredTrack.from_csv(path)
+    with pytest.raises(railjax.InputError, match="hole of 1 m after 249.75 m, longer than the 0.6 m"):
+        railjax.MeasuredTrack.from_csv(path, bridge=0.6)
+    mended = railjax.MeasuredTrack.from_csv(path, bridge=2.0)
+    np.testing.assert_allclose(mended.label.alignment, ALIGNMENT, atol=2e-4)
+    assert "2 hole(s) bridged, the first at 250 m" in str(mended)
+    kept = (DISTANCE < 300.0) | (DISTANCE > 306.0)
+    with pytest.raises(railjax.InputError, match="a gap of 6.5 m after 299.75 m"):
+        railjax.MeasuredTrack(DISTANCE[kept], ALIGNMENT[kept])
+    assert "the widest of 6.5 m after 299.75 m" in str(railjax.MeasuredTrack(DISTANCE[kept], ALIGNMENT[kept], bridge=7.0))
+
+
+@pytest.mark.parametrize("chord", [10.0, 31 * 0.3048, 62 * 0.3048, 124 * 0.3048])
+def test_versines_are_restored_to_the_space_curve(chord):
+    track = railjax.MeasuredTrack(DISTANCE, versines(chord), chord=chord, longest=90.0)
+    inner = (DISTANCE > 500.0) & (DISTANCE < 1000.0)
+    found = np.asarray(railjax.alignment(track, DISTANCE[inner] + 20.0))
+    lost = "17.4 to 20.7 m" in str(track)  # 17 m is near enough to half of 124 ft to come back with less
+    np.testing.assert_allclose(found, ALIGNMENT[inner], atol=5e-4 if lost else 4e-5)
+    assert f"restored from versines over a chord of {chord:g} m" in str(track)
+    assert "waves longer than 90 m are filtered away" in str(track)
+
+
+def test_versines_are_not_taken_for_alignment(tmp_path):
+    path = written(tmp_path, text((DISTANCE, 1e3 * versines(10.0)), "distance (m);versine 10 m (mm)", ";", ","), name="line.csv")
+    with pytest.raises(railjax.InputError, match="no column of the lateral alignment"):
+        railjax.MeasuredTrack.from_csv(path)
+    told = {"alignment": "versine 10 m"}
+    with pytest.raises(railjax.InputError, match="holds versines over a chord; give the chord's length"):
+        railjax.MeasuredTrack.from_csv(path, columns=told)
+    assert railjax.MeasuredTrack.from_csv(path, columns=told, chord=10.0).label.alignment.shape == (6001,)
+    for options, message in (
+        ({"chord": 0.5}, "chord must lie"),
+        ({"chord": 10.0, "longest": 300.0}, "shows 0.5%"),
+        ({"bridge": -1.0}, "bridge must be"),
+    ):
+        with pytest.raises(railjax.InputError, match=message):
+            railjax.MeasuredTrack(DISTANCE, versines(10.0), **options)
+
+
+# spectra
+
+
+@pytest.mark.parametrize(
+    ("header", "separator", "decimal", "scale"),
+    [
+        ("frequency (1/m);PSD (mm²/(1/m))", ";", ",", (2 * np.pi, 1e-6 / (2 * np.pi))),
+        ("wavenumber [rad/m]\tdensity [cm^2/(rad/m)]", "\t", ".", (1.0, 1e-4)),
+        ("frequency (cycle/ft),PSD (in^2/(cycle/ft))", ",", ".", (2 * np.pi / 0.3048, 0.0254**2 * 0.3048 / (2 * np.pi))),
+    ],
+)
+def test_a_spectrum_in_every_form(tmp_path, header, separator, decimal, scale):
+    frequency, density = np.geomspace(0.01, 1.0, 20), np.geomspace(400.0, 3e-3, 20)
+    path = written(tmp_path, text((frequency, density), header, separator, decimal, digits=9), "utf-16", "psd.txt")
+    of = railjax.spectrum(path)
+    np.testing.assert_allclose(of.wavenumber, frequency * scale[0], rtol=1e-6)
+    np.testing.assert_allclose(of.values, density * scale[1], rtol=1e-5)
+    with pytest.raises(railjax.InputError, match="does not say its unit"):
+        railjax.spectrum(written(tmp_path, text((frequency, density), "frequency,psd"), name="bare.csv"))
+
+
+# damper records
+
+T = np.arange(1500) / 500.0
+X, U = 0.011 * np.sin(2 * np.pi * 2.5 * T), np.where(T > 1.5, 1.5, 0.5)
+V, F = 0.011 * 5 * np.pi * np.cos(2 * np.pi * 2.5 * T), 900.0 * np.cos(2 * np.pi * 2.5 * T)
+
+
+@pytest.mark.parametrize(
+    ("content", "options"),
+    [
+        (text((T, 1e2 * X, 1e2 * V, U, F), "time (s);displacement (cm);velocity (cm/s);Voltage (V);Force (N)", ";", ",", 7), {}),
+        (text((1e6 * T, X / 0.0254, V / 0.0254, U, F / 4448.2216152605), "t_us,stroke_in,velocity_in/s,volts_V,load_kip", digits=9), {}),
+        (text((T, X, U, F / 9.80665), "time,disp,cmd,force\ns,m,V,kgf", digits=8), {}),
+        (text((F / 9806.65, 1e3 * X, U), "", "\t", ",", 8), {"columns": {"force": "1", "displacement": "2", "command": "3"}, "units": {"force": "tf", "displacement": "mm", "command": "V"}, "sample_rate": 500.0}),
+    ],
+)  # fmt: skip
+def test_a_damper_record_in_every_form(tmp_path, content, options):
+    record = railjax.read_record(written(tmp_path, content), **options)
+    assert record.dt == pytest.approx(2e-3)
+    np.testing.assert_allclose(record.displacement, X, atol=1e-8)
+    np.testing.assert_allclose(record.force, F, atol=1e-3)
+    np.testing.assert_allclose(record.command, U, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("columns", "header", "options", "message"),
+    [
+        ((T, 1e2 * X, 1e2 * V, U, F), "time,displacement,velocity,voltage,force", {}, r"a displacement of 1.1 m .* is none of a damper; give its unit, --displacement-unit cm"),
+        ((T, 1e2 * V, U, F), "time,velocity,voltage,force", {}, r"a velocity of 17.3 m/s .* --velocity-unit cm/s"),
+        ((T, X, U, 1e-3 * F), "time,displacement,voltage,force", {}, r"a force of 0.9 N .* --force-unit kN"),
+        ((T, X, U, F), "time (s),displacement (m),signal,force (N)", {}, r"no column of the command is known, and it may be 'signal'; name it with --command"),
+        ((T, X, U, F), "time (s);stroke (m);weg;force (N)", {"columns": {"displacement": "wg"}}, "no column 'wg' for --displacement"),
+    ],
+)  # fmt: skip
+def test_a_damper_record_is_refused_in_one_true_line(tmp_path, columns, header, options, message):
+    path = written(tmp_path, text(columns, header, ";" if ";" in header else ","))
+    with pytest.raises(railjax.InputError, match=message) as caught:
+        railjax.read_record(path, **options)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_record_without_a_command_says_so(tmp_path):
+    path = written(tmp_path, text((T, X, U, F), "time (s),displacement (m),signal,force (N)"))
+    assert not railjax.read_record(path, columns={"command": "none"}).command.any()
+    np.testing.assert_allclose(railjax.read_record(path, columns={"command": "signal"}).command, U)
+    warm = written(tmp_path, text((T, X, U, F), "time (s),displacement (m),oil (degC),force (N)"), name="warm.csv")
+    assert not railjax.read_record(warm).command.any()
