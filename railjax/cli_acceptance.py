@@ -49,8 +49,8 @@ def acceptance(
     time_unit: TimeUnit = None,
     fs: Annotated[float | None, typer.Option("--fs", "--fs-hz", help="Sampling rate of the record in Hz.")] = None,
     bridge_s: BridgeS = None,
-    axle_load_kn: Annotated[
-        float | None, typer.Option(help="Axle load P of the record's vehicle in kN, for guiding forces.")
+    axle_load_n: Annotated[
+        float | None, typer.Option(help="Axle load P of the record's vehicle in N, for guiding forces.")
     ] = None,
     bogie_mass_t: Annotated[float | None, typer.Option(help="Bogie mass M with wheelsets in t, for bogie accelerations.")] = None,
     chord_m: ChordM = None,
@@ -95,7 +95,7 @@ def acceptance(
     finite(length_m=length_m, section_m=section_m, prudhomme_factor=prudhomme_factor, dt_s=dt_s)
     finite(hunting_frequency_hz=hunting_frequency_hz)
     finite(positive=False, alpha=alpha, bridge_s=bridge_s)
-    finite(fs=fs, axle_load_kn=axle_load_kn, bogie_mass_t=bogie_mass_t)
+    finite(fs=fs, axle_load_n=axle_load_n, bogie_mass_t=bogie_mass_t)
     check_out(out)
     if is_table(vehicle):
         if len(speed_kmh) > 1 or track is not None:
@@ -111,7 +111,7 @@ def acceptance(
         )
         found = acceptance_of_record(
             record,
-            axle_load=None if axle_load_kn is None else 1e3 * axle_load_kn,
+            axle_load=None if axle_load_n is None else axle_load_n,
             bogie_mass=None if bogie_mass_t is None else 1e3 * bogie_mass_t,
             prudhomme_factor=prudhomme_factor,
             section_length=section_m,
@@ -124,7 +124,7 @@ def acceptance(
             out,
         )
         return
-    for option, value in (("fs", fs), ("time-unit", time_unit), ("axle-load-kn", axle_load_kn), ("bogie-mass-t", bogie_mass_t)):
+    for option, value in (("fs", fs), ("time-unit", time_unit), ("axle-load-n", axle_load_n), ("bogie-mass-t", bogie_mass_t)):
         if value is not None:
             raise InputError(f"--{option} is for the record of a test (a file), not for the vehicle {vehicle!r}")
     track = track or "erri-high"

@@ -77,8 +77,8 @@ def read_columns(
     there = ", ".join(name for name in table.names if name)
     if len(table) < at_least:
         raise InputError(f"{path}: {len(table)} samples are too few to {purpose}; it takes {at_least}")
-    places = {kind: _place(table, kind, names[kind], units[kind], columns.get(kind), options[0]) for kind in names}
-    places = {kind: index for kind, index in places.items() if index is not None}
+    every = {kind: _place(table, kind, names[kind], units[kind], columns.get(kind), options[0]) for kind in names}
+    places = {kind: index for kind, index in every.items() if index is not None}
     if not places and not table.has_header:
         raise InputError(
             f"{path}: has no header, only {len(table.names)} column(s), {table.form}; name them by number: {options[0].format(next(iter(names)))}"
@@ -99,7 +99,7 @@ def read_columns(
                 raise InputError(fault)
             column, lacking[kind] = np.where(missing, np.nan, column), fault
         if unit is None:
-            unit = (kind == "time" and epoch_unit(column)) or next(iter(units[kind]))
+            unit = (epoch_unit(column) if kind == "time" else None) or next(iter(units[kind]))
             assumed[kind] = table.names[index]
             notes.append(f"unit of {kind} ({table.names[index]!r}): {unit} (assumed; neither the header nor {told} says it)")
         if unit.lower().strip() == "tonf":

@@ -156,7 +156,7 @@ class MeasuredTrack(SampledTrack):
         found, notes = read.found, read.notes
         if "distance" not in found:
             raise InputError(
-                f"{path}: no column of the distance; name it 'distance (m)' in the header, or by columns['distance']; {read.there}"
+                f"{path}: no column of the distance; name it 'distance (m)' in the header, or by columns['distance'] (--columns distance=NAME); {read.there}"
             )
         both = [found.pop(side, None) for side in ("left", "right")]
         if "alignment" not in found:
