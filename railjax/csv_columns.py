@@ -128,7 +128,7 @@ def _table(path: Path, names: Names, columns: Mapping[str, str | None]) -> TextT
             for name, unit, bracket in file_units.splits(cell)
         )
 
-    return open_table(path, names_one)
+    return open_table(path, names_one, tuple(name for name in columns.values() if name))
 
 
 def _place(

@@ -1,5 +1,6 @@
 """Records of rides: accelerations by direction out of a file, with gravity and missing units told from their means."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,15 +17,23 @@ from .stamps import BRIDGE, sampling
 
 ACCELERATIONS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY}
 
-_ACROSS = {"lateral": "y", "vertical": "z", "longitudinal": "x"}
+_ACROSS = {"lateral": ("y", "lat"), "vertical": ("z", "vert"), "longitudinal": ("x", "long")}
+WORDS = ("acceleration", "acc", "accel")
+
+#: names by which a phone as well as a vehicle's logger may call its axes
+LETTERED = re.compile(rf"({'|'.join(WORDS)})?[ _-]?[xyz]\b", re.IGNORECASE)
 
 #: by these names a column is found without being told
 NAMES: Names = {
     "time": TIME_NAMES,
     **{
-        direction: (direction, f"a{axis}", f"a {axis}", axis, f"{direction} acceleration", f"acceleration {direction}", f"acc {direction}",
-                    f"acc {axis}", f"acc{axis}", f"{direction} acc", f"{direction} accel", f"accel {direction}")
-        for direction, axis in _ACROSS.items()
+        direction: (
+            *(direction, f"a{axis}", f"a {axis}", axis, short),
+            *(f"{word} {way}" for word in WORDS for way in (direction, short, axis)),
+            *(f"{way} {word}" for word in WORDS for way in (direction, short, axis)),
+            *(f"{word}{axis}" for word in WORDS[1:3]),
+        )
+        for direction, (axis, short) in _ACROSS.items()
     },
     "seat lateral": ("seat lateral", "seat y", "seat ay"),
     "seat vertical": ("seat vertical", "seat z", "seat az"),
@@ -79,6 +88,11 @@ def read_ride(
         raise InputError(f"{path}: no column of an acceleration; name it, as in --columns lateral=NAME; {read.there}")
     grid = sampling(time, sample_rate, path, "--fs", unit_assumed="time" in read.assumed, bridge=bridge, there=read.there)
     notes = [*read.notes, *grid.notes]
+    lettered = [
+        f"{name!r} {kind}" for kind, name in read.names.items() if kind in _ACROSS and kind not in told and LETTERED.match(name)
+    ]
+    if lettered:
+        notes.append(f"axes: {', '.join(lettered)} (assumed: x along the vehicle, y across it, z up; a phone's axes are its own)")
     unsaid = [kind for kind in found if kind in read.assumed and known[kind] is ACCELERATIONS]
     if unsaid and (unit := _unit_by_gravity(path, read)) is not None:
         of = "vertical column's" if "vertical" in found else "vertical column's (not judged)"

@@ -174,11 +174,13 @@ def _rounded(time: Samples, resolution: float) -> float | None:
         return dt
     if np.any(steps == 0.0) and resolution < 1.001 * dt:
         return None
-    # the line through the stamps is surer than its ends where they are coarse
-    slope = float(np.polyfit(numbers - numbers.mean(), time - time.mean(), 1)[0]) if resolution > dt else dt
-    if 0.5 * np.ptp(time - time[0] - slope * numbers) > 0.51 * resolution:
-        return None
-    return _round_rate(slope) if resolution > dt else slope
+    if resolution > dt:
+        # coarse stamps are surest where they change
+        changes = np.flatnonzero(steps) + 1
+        if len(changes) < 2:
+            return None
+        dt = _round_rate(float(time[changes[-1]] - time[changes[0]]) / float(changes[-1] - changes[0]))
+    return dt if np.ptp(time - dt * numbers) <= 1.02 * resolution + (2.0 * dt if resolution > dt else 0.0) else None
 
 
 def _round_rate(dt: float) -> float:

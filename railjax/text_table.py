@@ -132,12 +132,13 @@ def is_table(source: str | Path) -> bool:
     return path.suffix.lower() in SUFFIXES or (path.suffix.lower() != ".toml" and path.is_file())
 
 
-def open_table(path: Path, known: Callable[[str], bool]) -> TextTable:
-    """The table in a file; `known` says whether a name is one that is looked for, which makes a header of a comment.
+def open_table(path: Path, known: Callable[[str], bool], words: tuple[str, ...] = ()) -> TextTable:
+    """The table in a file; `known` says whether a name is one that is looked for, which makes a header of a comment; `words` are names
+    that are in it for sure, by which code pages are told apart.
 
     Raises `InputError` for a file that cannot be read, holds no numbers, or can be read in two ways.
     """
-    lines = _joined(_decoded(path).split("\n"))
+    lines = _joined(_decoded(path, words).split("\n"))
     if lines and lines[0].lower().startswith("sep="):  # as spreadsheets write it
         lines[0] = ""
     comments = {n for n, line in enumerate(lines) if line.startswith(COMMENTS) or line.lstrip().startswith(("#", "//"))}
@@ -155,7 +156,7 @@ def open_table(path: Path, known: Callable[[str], bool]) -> TextTable:
     before = [n for n in range(kept[first]) if lines[n].strip(' \t;,|"')]
     rows = [lines[n] for n in kept[first:]]
     spread = rows[:: len(rows) // LOOKED_AT + 1]
-    decimal = "," if separator != "," and _decimal_commas([split(line, separator) for line in spread], numeric) else "."
+    decimal = "," if _decimal_commas([split(line, separator) for line in spread], numeric) else "."
     names, units, has_header = _header(
         [(n in comments, lines[n].lstrip("".join(COMMENTS) + "/ ") if n in comments else lines[n]) for n in before],
         separator,
@@ -183,7 +184,7 @@ def split(line: str, separator: str) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
-def _decoded(path: Path) -> str:
+def _decoded(path: Path, words: tuple[str, ...]) -> str:
     """The file's text: by its mark, as UTF-8, as UTF-16 by its zeros, else the likeliest of the western code pages."""
     try:
         data = path.read_bytes()
@@ -197,21 +198,26 @@ def _decoded(path: Path) -> str:
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError:
-        text = data.decode(_code_page(data, path), errors="replace")
+        text = data.decode(_code_page(data, path, words), errors="replace")
     if "\0" in text[:SAMPLE] or sum(ord(c) < 32 and c not in "\t\n\r\f" for c in text[:SAMPLE]) > 0.01 * len(text[:SAMPLE]):
         raise InputError(f"{path}: cannot be read as CSV (it is no text)")
     return text.replace("\u2212", "-").replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _code_page(data: bytes, path: Path) -> str:
+def _code_page(data: bytes, path: Path, words: tuple[str, ...]) -> str:
     from charset_normalizer import from_bytes
 
     marked = b"\n".join([line for line in data.splitlines() if not line.isascii()][:LOOKED_AT])
     if sum(byte > 127 for byte in marked) > 0.5 * len(marked):
         raise InputError(f"{path}: cannot be read as CSV (it is no text)")
     found = from_bytes(marked, cp_isolation=["cp1252", "cp1250", "mac_roman", "cp850"])
-    ranked = sorted(found, key=lambda match: (round(match.chaos, 2), match.encoding != "cp1252"))
+    ranked = sorted(found, key=lambda match: (round(match.chaos, 2), -_sense(str(match), words), match.encoding != "cp1252"))
     return ranked[0].encoding if ranked else "cp1252"
+
+
+def _sense(text: str, words: tuple[str, ...]) -> int:
+    """How many of the words, and of the marks of units, a text has."""
+    return sum(word in text for word in words) + sum(text.count(mark) for mark in "²³µ°·")
 
 
 def _joined(lines: list[str]) -> list[str]:
@@ -239,7 +245,7 @@ def _separator(tail: list[str], looked: list[str], path: Path) -> tuple[str, int
             continue
         cells = [split(line, separator) for line in tail]
         count, of = Counter(map(len, cells)).most_common(1)[0]
-        good = sum(_is_value(cell) and (separator != "," or not re.search(r"\d,\d", cell)) for row in cells for cell in row)
+        good = sum(_is_value(cell) for row in cells for cell in row)
         filled = sum(bool(cell) for row in cells for cell in row)
         score = good / max(filled, 1) * of / len(cells)
         if score > best + 1e-9:
