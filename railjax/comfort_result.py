@@ -65,8 +65,8 @@ class Comfort:
     places: tuple[str, ...]
     notes: tuple[str, ...]
     indices: dict[str, Values] = field(default_factory=dict)
-    events: dict[str, Values] = field(default_factory=dict)
-    curves: dict[str, Float[np.ndarray, "transitions *lanes"]] = field(default_factory=dict)
+    events: dict[str, Values] = field(default_factory=dict)  # P_DE, % (dimensionless)
+    curves: dict[str, Float[np.ndarray, "transitions *lanes"]] = field(default_factory=dict)  # P_CT, % (dimensionless)
 
     def __str__(self) -> str:
         lines = [f"Ride comfort: {self.duration:g} s at {self.sampling_rate:g} Hz, {', '.join(self.rms)}"]
