@@ -78,7 +78,7 @@ def track_file(
     bridge_m: float | None,
 ) -> dict[str, Any]:
     """How the file of `--track` is to be read, for `make_track`. Raises `InputError` where there is none to read."""
-    from . import measured_track, spectra
+    from . import spectra, track_columns
     from .text_table import is_table
 
     finite(chord_m=chord_m, longest_m=longest_m, shortest_m=shortest_m, bridge_m=bridge_m)
@@ -87,18 +87,18 @@ def track_file(
     given += [option for option, value in (("--columns", columns), ("--unit", unit)) if value]
     if given and not (track and is_table(track)):
         raise InputError(f"{given[0]} is for a track's file, like --track line.csv")
-    kinds = [*measured_track.NAMES, *spectra.NAMES]
+    kinds = [*track_columns.NAMES, *spectra.NAMES]
     return {"columns": named("--columns", [columns or ""], kinds, "quantity"), "units": units_of(unit, kinds), **options}
 
 
 def track_of_file(name: str, seed: int | None, length: float, options: dict[str, Any]) -> "Track":
     """The measured track in a file, or a random one of the spectrum in it. Raises `InputError`."""
-    from . import MeasuredTrack, RandomTrack, TableSpectrum, measured_track, spectra
+    from . import MeasuredTrack, RandomTrack, TableSpectrum, spectra, track_columns
     from .csv_columns import quantities
 
     columns, units = options.get("columns", {}), options.get("units", {})
     told = set(columns) | set(units)
-    of_track = quantities(Path(name), measured_track.NAMES, measured_track.UNITS, columns)
+    of_track = quantities(Path(name), track_columns.NAMES, track_columns.UNITS, columns)
     of_spectrum = quantities(Path(name), spectra.NAMES, spectra.UNITS, columns)
     if (of_spectrum == set(spectra.NAMES) and not of_track & {"alignment", "left", "right"}) or told & set(spectra.NAMES):
         rest = [key for key in ("chord", "longest", "shortest", "bridge") if options.get(key) is not None]

@@ -31,11 +31,12 @@ SENTINELS = np.array([999.0, 999.9, 999.99, 999.25, 9999.0, 9999.9, 9999.99, 999
 
 @dataclass(frozen=True)
 class Columns:
-    """What was read: `found` by quantity, in SI, and its columns' `names`; `notes` of what was assumed; the columns that do not say
-    their unit (`assumed`); by quantity the first line without a value (`lacking`), of those that may lack some; what else is there."""
+    """What was read: `found` by quantity, in SI, and its columns' `names` and `units`; `notes` of what was assumed; the columns that
+    do not say their unit (`assumed`); by quantity the first line without a value (`lacking`), of those that may lack some; what else is there."""
 
     found: dict[str, Samples]
     names: dict[str, str]
+    units: dict[str, str]
     notes: list[str]
     assumed: dict[str, str]
     lacking: dict[str, str]
@@ -85,7 +86,7 @@ def read_columns(
             + ("1" if options[0].endswith("=") else " 1")
         )
     values = table.numbers(places.values())
-    found, notes, assumed, lacking = {}, [], {}, {}
+    found, used, notes, assumed, lacking = {}, {}, [], {}, {}
     for kind, index in places.items():
         told = options[1].format(kind)
         unit = given.get(kind) or _written_unit(table, index, kind, names[kind], units[kind], told)
@@ -104,12 +105,13 @@ def read_columns(
             notes.append(f"unit of {kind} ({table.names[index]!r}): {unit} (assumed; neither the header nor {told} says it)")
         if unit.lower().strip() == "tonf":
             notes.append(f"unit of {kind}: tonf, taken as 2000 lbf (the metric one is tf)")
+        used[kind] = unit
         scale = file_units.factor(unit, units[kind])
         found[kind] = column * (np.nan if scale is None else scale)
     unused = tuple(name for k, name in enumerate(table.names) if k not in places.values())
     called = {kind: table.names[index] for kind, index in places.items()}
     form = f"there are {there} ({table.form})" if table.has_header else f"no header ({table.form})"
-    return Columns(found, called, notes, assumed, lacking, unused, form)
+    return Columns(found, called, used, notes, assumed, lacking, unused, form)
 
 
 def quantities(path: Path, names: Names, units: Units, columns: Mapping[str, str | None] | None = None) -> set[str]:

@@ -1,7 +1,6 @@
 """Measured tracks: a record of the lateral alignment, from arrays or a file, checked, mended, resampled and filtered."""
 
 import dataclasses
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,29 +8,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from .csv_columns import Columns, read_columns
 from .errors import InputError
 from .sampled_track import MARGIN, SampledTrack, register
 from .spectra import SHORTEST
+from .track_columns import FEWEST, read_track
 from .track_repair import bridged, restored, spikes
 from .typing import Scalar
-
-#: per quantity: the names by which a column is found without being told, and the factors of its usual units to SI
-NAMES = {
-    "distance": ("distance", "chainage", "station", "position", "s", "x", "km", "kilometre", "mileage", "milepost", "location"),
-    "alignment": ("alignment", "lateral alignment", "alinement", "versine", "versines", "mid chord offset", "mco"),
-    "left": ("alignment left", "left alignment", "left", "alignment l"),
-    "right": ("alignment right", "right alignment", "right", "alignment r"),
-    "cross_level": ("cross level", "crosslevel", "cant", "superelevation"),
-    "gauge": ("gauge", "track gauge", "gage", "track gage"),
-}
-#: of the alignment's names those that say that it is not the space curve
-VERSINES = re.compile("versine|chord|mco", re.IGNORECASE)
-_SMALL = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 25.4e-3}
-UNITS = {"distance": {"m": 1.0, "km": 1e3, "ft": 0.3048}} | {kind: _SMALL for kind in list(NAMES)[1:]}
-
-#: quantities that the model does not use: with a value missing they are left out
-BESIDE = ("cross_level", "gauge")
 
 #: straight track before the record, m, so that the leading wheelset starts on it
 LEAD = 20.0
@@ -42,8 +24,8 @@ LARGEST, SMALLEST = 0.2, 1e-6
 #: the widest grid of the spline, m; the samples' own distance where it is smaller
 GRID = SHORTEST / 8
 
-#: samples below which there is no track, and zeros before and after the record in which the spline's coefficients die out (0.27 each)
-FEWEST, TAIL = 16, 24
+#: zeros before and after the record in which the spline's coefficients die out (0.27 each)
+TAIL = 24
 
 #: share of a sample's distance by which even samples may be off, as printed distances are rounded
 UNEVEN = 0.01
@@ -142,45 +124,7 @@ class MeasuredTrack(SampledTrack):
         over `fade` m, and all is multiplied by the number `amplitude`.
         """
         path = Path(path)
-        read = read_columns(
-            path,
-            NAMES,
-            UNITS,
-            columns=dict(columns or {}),
-            given=dict(units or {}),
-            at_least=FEWEST,
-            purpose="make a track",
-            options=("columns['{}']", "units['{}']"),
-            lenient=(*BESIDE, "left", "right", "alignment") if bridge is not None else (*BESIDE, "left", "right"),
-        )
-        found, notes = read.found, read.notes
-        if "distance" not in found:
-            raise InputError(
-                f"{path}: no column of the distance; name it 'distance (m)' in the header, or by columns['distance'] (--columns distance=NAME); {read.there}"
-            )
-        both = [found.pop(side, None) for side in ("left", "right")]
-        if "alignment" not in found:
-            if any(side is None for side in both):
-                raise InputError(
-                    f"{path}: no column of the lateral alignment; name it 'alignment (mm)', or both 'alignment left (mm)' and 'alignment right (mm)'; {read.there}"
-                )
-            if bridge is None and (fault := read.lacking.get("left") or read.lacking.get("right")):
-                raise InputError(f"{fault}; short holes are bridged by bridge")
-            found["alignment"] = 0.5 * (both[0] + both[1])
-            notes.append("alignment: mean of the left and the right rail's")
-        _refuse_versines(read, chord, path)
-        for kind in sorted(found.keys() & set(BESIDE)):
-            word = kind.replace("_", " ")
-            if kind in read.lacking:
-                del found[kind]
-                notes.append(
-                    f"{word}: left out ({read.lacking[kind].removeprefix(f'{path}, ')}); the lateral model does not use it"
-                )
-            else:
-                notes.append(f"{word}: kept, but the lateral model does not use it")
-        if np.all(np.diff(found["distance"]) < 0.0):
-            found = {kind: values[::-1] for kind, values in found.items()}
-            notes.append("distance: falls, so the record is turned round (the signs of the alignment are kept)")
+        found, notes = read_track(path, columns or {}, units or {}, chord is not None, bridge is not None)
         return cls(
             **found,
             shortest=shortest,
@@ -217,15 +161,6 @@ class MeasuredTrack(SampledTrack):
         return "\n".join(lines + [f"  {note}" for note in self.notes])
 
     __repr__ = __str__
-
-
-def _refuse_versines(read: Columns, chord: float | None, path: Path) -> None:
-    """A column of versines is no alignment."""
-    versines = [name for kind, name in read.names.items() if kind in ("alignment", "left", "right") and VERSINES.search(name)]
-    if chord is None and versines:
-        raise InputError(
-            f"{path}: column {versines[0]!r} holds versines over a chord; give the chord's length (chord, --chord-m)"
-        )
 
 
 def _mended(record: MeasuredRecord, bridge: float | None) -> MeasuredRecord:

@@ -94,10 +94,13 @@ def read_ride(
     if lettered:
         notes.append(f"axes: {', '.join(lettered)} (assumed: x along the vehicle, y across it, z up; a phone's axes are its own)")
     unsaid = [kind for kind in found if kind in read.assumed and known[kind] is ACCELERATIONS]
-    if unsaid and (unit := _unit_by_gravity(path, read)) is not None:
-        of = "vertical column's" if "vertical" in found else "vertical column's (not judged)"
+    said = {unit for kind, unit in read.units.items() if kind in found and kind not in unsaid and known[kind] is ACCELERATIONS}
+    unit, why = _unit_by_gravity(path, read) if unsaid else None, "the vertical mean is 1 g in it"
+    if unsaid and unit is None and len(said) == 1:
+        unit, why = said.pop(), "the others are in it"
+    if unit is not None:
         notes = [note for note in notes if not any(note.startswith(f"unit of {kind} ") for kind in unsaid)]
-        notes.append(f"unit of {', '.join(unsaid)}: {unit} (assumed; not said, and the {of} mean is 1 g in it)")
+        notes.append(f"unit of {', '.join(unsaid)}: {unit} (assumed; not said, and {why})")
         found |= {kind: found[kind] * factor(unit, ACCELERATIONS) for kind in unsaid}
     return Ride({kind: grid.even(values) for kind, values in found.items()}, 1.0 / grid.dt, tuple(notes))
 

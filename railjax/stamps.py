@@ -121,14 +121,17 @@ def sampling(
         return Grid(dt, notes=(note,) if resolution > dt else ())
     falls = np.flatnonzero(steps <= 0.0)
     if falls.size:
-        raise InputError(f"{path}: time does not increase from sample {falls[0] + 1} ({time[falls[0]]:g} s) to the next")
+        raise InputError(
+            f"{path}: time does not increase from sample {falls[0] + 1} ({time[falls[0]]:g} s) to the next; "
+            f"{option} takes the samples as even"
+        )
     median = float(np.median(steps))
     holes = steps > max(1.5 * median, np.quantile(steps, 0.99) * 1.5)
     longest = int(np.argmax(steps))
     if holes.any() and steps[longest] > bridge + 1e-9:
         raise InputError(
             f"{path}: samples are not evenly spaced: a hole of {steps[longest]:.4g} s after {time[longest]:g} s; "
-            f"holes up to {bridge:g} s are bridged, cut the record there or say more, or give {option} to take its samples as even"
+            f"holes up to {bridge:g} s are bridged, cut the record there, say how much (bridge, --bridge-s), or give {option} to take its samples as even"
         )
     if np.quantile(steps[~holes], 0.99) > 4.0 * median or np.quantile(steps, 0.01) < 0.05 * median:
         worst = int(np.argmax(np.abs(steps - median)))

@@ -129,7 +129,7 @@ class TextTable:
 def is_table(source: str | Path) -> bool:
     """Whether a text is the name of a file of data: by its ending, or as it is there and no TOML."""
     path = Path(source)
-    return path.suffix.lower() in SUFFIXES or (path.suffix.lower() != ".toml" and path.is_file())
+    return path.suffix.lower() in SUFFIXES or (path.suffix.lower() not in ("", ".toml") and path.is_file())
 
 
 def open_table(path: Path, known: Callable[[str], bool], words: tuple[str, ...] = ()) -> TextTable:

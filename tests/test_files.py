@@ -105,6 +105,18 @@ RIDES = {
     "told in other units": (text(SI, "a;b;c", ";", ","), "utf-8", {"columns": {"time": "A", "lateral": "b", "vertical": "c"}}),
     "without units, gravity in it": (text((G[0], G[1], G[2] + 1.0), "time,ay,az", digits=8), "utf-8", {}),
     "without units, gravity in m/s2": (text((TIME, LATERAL, VERTICAL - STANDARD_GRAVITY), "time,ay,az"), "utf-8", {}),
+    "a unit that one column says": (text(G, "time (s),ay,az (g)", digits=8), "utf-8", {}),
+    "quoted decimal commas between commas": (
+        text([[f'"{v:.6f}"'.replace(".", ",") for v in own] for own in SI], '"time (s)","ay (m/s2)","az (m/s2)"'),
+        "utf-8",
+        {},
+    ),
+    "a clock in whole seconds": (text(([f"18:53:{int(t):02d}" for t in TIME], *SI[1:]), "time,ay (m/s2),az (m/s2)"), "utf-8", {}),
+    "another code page": (
+        text(SI, "čas (s);příčné zrychlení (m/s2);svislé (m/s2)", ";", ","),
+        "cp1250",
+        {"columns": {"time": "čas", "lateral": "příčné zrychlení", "vertical": "svislé"}},
+    ),
     "phone": (
         text((G[0], G[1], 0 * TIME, G[2] + 1.0, 0 * TIME + 1), "time;gFx;gFy;gFz;TgF", ";", ",", digits=8),
         "utf-8",
@@ -392,6 +404,28 @@ def test_versines_are_restored_to_the_space_curve(chord):
     np.testing.assert_allclose(found, ALIGNMENT[inner], atol=5e-4 if lost else 4e-5)
     assert f"restored from versines over a chord of {chord:g} m" in str(track)
     assert "waves longer than 90 m are filtered away" in str(track)
+
+
+@pytest.mark.parametrize(
+    ("columns", "header", "message"),
+    [
+        (
+            (DISTANCE, ALIGNMENT / 0.0254),
+            "distance (m),alignment",
+            r"alignment 0.236 m from its middle.*says no unit.*alignment=mm",
+        ),
+        ((12.5 + 1e-3 * DISTANCE, 1e3 * ALIGNMENT), "km post,alignment (mm)", "no column of the distance"),
+        (
+            (12.5 + 1e-3 * DISTANCE, 1e3 * ALIGNMENT),
+            "station,alignment (mm)",
+            r"a sample every 0.00025 m.*give its unit, as distance=km",
+        ),
+    ],
+)
+def test_a_track_without_units_is_doubted(tmp_path, columns, header, message):
+    with pytest.raises(railjax.InputError, match=message) as caught:
+        railjax.MeasuredTrack.from_csv(written(tmp_path, text(columns, header, digits=7), name="line.csv"))
+    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_versines_are_not_taken_for_alignment(tmp_path):
