@@ -126,7 +126,7 @@ def sampling(
             f"{option} takes the samples as even"
         )
     median = float(np.median(steps))
-    holes = steps > max(1.5 * median, np.quantile(steps, 0.99) * 1.5)
+    holes = steps > max(1.5 * median, np.quantile(steps, 0.9) * 1.5)
     longest = int(np.argmax(steps))
     if holes.any() and steps[longest] > bridge + 1e-9:
         raise InputError(
@@ -183,6 +183,9 @@ def _rounded(time: Samples, resolution: float) -> float | None:
         if len(changes) < 2:
             return None
         dt = _round_rate(float(time[changes[-1]] - time[changes[0]]) / float(changes[-1] - changes[0]))
+    else:
+        # the line through all stamps is surer than its ends
+        dt = float(np.polyfit(numbers - numbers.mean(), time - time.mean(), 1)[0])
     return dt if np.ptp(time - dt * numbers) <= 1.02 * resolution + (2.0 * dt if resolution > dt else 0.0) else None
 
 

@@ -178,7 +178,10 @@ def split(line: str, separator: str) -> list[str]:
     elif '"' in line:
         import csv
 
-        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+        try:
+            cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+        except csv.Error:  # a cell beyond its limit
+            cells = line.split(separator)
     else:
         cells = line.split(separator)
     return [cell.strip().strip('"').strip() for cell in cells]
