@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from .bouc_wen import BoucWen
     from .calibrate import Calibration, calibrate
     from .channels import CHANNELS
-    from .comfort import Comfort, comfort, floor_acceleration
+    from .comfort import comfort, floor_acceleration
+    from .comfort_result import Comfort
     from .courses import animation_channels
     from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
     from .dampers import Damper, MaxwellDamper, PassiveDamper, Seen
@@ -201,7 +202,8 @@ _NAMES = {
     "bouc_wen": "BoucWen",
     "calibrate": "Calibration calibrate",
     "channels": "CHANNELS",
-    "comfort": "Comfort comfort floor_acceleration",
+    "comfort": "comfort floor_acceleration",
+    "comfort_result": "Comfort",
     "courses": "animation_channels",
     "critical": "Hunting NonlinearCritical nonlinear_critical nonlinear_critical_speed",
     "dampers": "Damper MaxwellDamper PassiveDamper Seen",

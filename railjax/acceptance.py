@@ -123,7 +123,7 @@ def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1
 def acceptance_of_record(
     record: RunningRecord,
     *,
-    axle_load: Number,
+    axle_load: Number | None = None,
     bogie_mass: Number | None = None,
     prudhomme_factor: float = 1.0,
     section_length: float | None = None,
@@ -133,7 +133,7 @@ def acceptance_of_record(
 ) -> Acceptance:
     """Assess measured or simulated time histories.
 
-    `axle_load` P in N and `bogie_mass` M with wheelsets in kg (needed with bogie accelerations) may have one value per lane;
+    `axle_load` P in N (needed with guiding forces) and `bogie_mass` M with wheelsets in kg (with bogie accelerations) may have one value per lane;
     `prudhomme_factor` α is 1, for wagons 0.85. `section_length` in m, by default 250 up to 220 km/h and 500 beyond (UIC 518,
     recalled). The first and last `margin` seconds are filtered but not assessed, for transients of start and filters.
     `hunting_frequency` f0 in Hz, by default the highest peak of SumY's spectrum (without SumY, of the bogie accelerations).
@@ -144,10 +144,12 @@ def acceptance_of_record(
     """
     signals, lanes, ok = check_record(record)
     given = Given(
-        _by_lane("axle_load", axle_load, lanes),
+        None if axle_load is None else _by_lane("axle_load", axle_load, lanes),
         None if bogie_mass is None else _by_lane("bogie_mass", bogie_mass, lanes),
         _positive("prudhomme_factor", prudhomme_factor),
     )
+    if "guiding_force" in signals and given.axle_load is None:
+        raise InputError("axle_load is needed for the limits of guiding forces, N")
     if "bogie_acceleration" in signals and given.bogie_mass is None:
         raise InputError("bogie_mass is needed for the limits of bogie accelerations, kg with wheelsets")
     for key, value in (("section_length", section_length), ("hunting_frequency", hunting_frequency)):

@@ -26,8 +26,8 @@ NOT_ASSESSED = (
 class Given(NamedTuple):
     """What the limits depend on."""
 
-    axle_load: Number  # P = 2 Q, N
-    bogie_mass: Number  # M, with its wheelsets, kg
+    axle_load: Number | None  # P = 2 Q, N
+    bogie_mass: Number | None  # M, with its wheelsets, kg
     prudhomme_factor: float  # α
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from jaxtyping import Array, Float
 
-from .deflections import FLOOR_POINTS, UNITS, lateral_of_floor, layout
+from .deflections import FLOOR_POINTS, UNITS, is_one_stage, lateral_of_floor, layout
 from .errors import InputError
 from .motion import Motion
 from .vehicle import Vehicle
@@ -65,6 +65,7 @@ def has_channel(vehicle: Vehicle, name: str) -> bool:
     """Whether this vehicle has it: held bodies have no channels."""
     shapes = layout(vehicle)
     parts = {group.split("_")[0] for group in shapes} | ({"bogie", "floor"} if "carbody_y" in shapes else set())
+    parts |= {"floor"} if is_one_stage(vehicle) else set()
     return CHANNELS[name].part in parts and not (name in UNAVAILABLE and len(parts) == 1)
 
 

@@ -5,17 +5,58 @@ from typing import Annotated
 
 import typer
 
-from .cli_common import Alpha, AsJson, DamperName, TrackName, TrackSeed, VehicleName, calibrated, finite, load, show, working
+from .cli_common import (
+    TRACKS,
+    Alpha,
+    AsJson,
+    DamperName,
+    TrackSeed,
+    calibrated,
+    complete_track,
+    complete_vehicle,
+    finite,
+    load,
+    prepare,
+    show,
+    working,
+)
+from .cli_files import BridgeM, BridgeS, ChordM, Columns, LongestM, ShortestM, TimeUnit, Units, named, track_file, units_of
 from .cli_inputs import make_damper, make_track
 from .cli_out import OutJson, check_out
 from .errors import InputError, NumericalError
 
 
 def acceptance(
-    vehicle: VehicleName,
+    vehicle: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE|VEHICLE",
+            help="The record of a running test, or a vehicle to simulate.",
+            autocompletion=complete_vehicle,
+        ),
+    ],
     speed_kmh: Annotated[list[float], typer.Option(help="Speed in km/h; may be repeated.")] = [200.0],  # noqa: B006
-    track: TrackName = "erri-high",
+    track: Annotated[
+        str | None,
+        typer.Option(
+            help=f"A random track, {TRACKS} (erri-high if not given); or the file of a measured one, or of a spectrum.",
+            autocompletion=complete_track,
+        ),
+    ] = None,
     track_seed: TrackSeed = None,
+    columns: Columns = None,
+    unit: Units = None,
+    time_unit: TimeUnit = None,
+    fs: Annotated[float | None, typer.Option("--fs", "--fs-hz", help="Sampling rate of the record in Hz.")] = None,
+    bridge_s: BridgeS = None,
+    axle_load_n: Annotated[
+        float | None, typer.Option(help="Axle load P of the record's vehicle in N, for guiding forces.")
+    ] = None,
+    bogie_mass_t: Annotated[float | None, typer.Option(help="Bogie mass M with wheelsets in t, for bogie accelerations.")] = None,
+    chord_m: ChordM = None,
+    longest_m: LongestM = None,
+    shortest_m: ShortestM = None,
+    bridge_m: BridgeM = None,
     length_m: Annotated[
         float | None, typer.Option(help="Length of the run in m (default: 25 sections and the margins; all of a measured track).")
     ] = None,
@@ -32,25 +73,62 @@ def acceptance(
 ) -> None:
     """Running safety, ride and stability in the manner of UIC 518 / EN 14363, as far as lateral dynamics gives them.
 
+    A record has columns like 'time (s),guiding force 1 (kN),bogie 1 (m/s2),carbody 1 (m/s2)', numbered from the front.
+
     Exit status 0 also where a limit is exceeded: that is a result.
 
     Example: railjax acceptance coach --speed-kmh 160 --speed-kmh 200 --track erri-high
     """
     import jax.numpy as jnp
 
-    from . import simulate
-    from .acceptance import MARGIN, default_section
+    from . import MeasuredTrack, simulate
+    from .acceptance import MARGIN, acceptance_of_record, default_section
     from .acceptance import acceptance as assess
     from .acceptance_criteria import SAMPLING, SECTIONS, SHORTEST
     from .acceptance_record import acceptance_channels
+    from .rides import ACCELERATIONS, TEST_NAMES, read_running_record
+    from .text_table import is_table
     from .units import KMH
 
     for speed in speed_kmh:
         finite(speed_kmh=speed)
     finite(length_m=length_m, section_m=section_m, prudhomme_factor=prudhomme_factor, dt_s=dt_s)
     finite(hunting_frequency_hz=hunting_frequency_hz)
-    finite(positive=False, alpha=alpha)
+    finite(positive=False, alpha=alpha, bridge_s=bridge_s)
+    finite(fs=fs, axle_load_n=axle_load_n, bogie_mass_t=bogie_mass_t)
     check_out(out)
+    if is_table(vehicle):
+        if len(speed_kmh) > 1 or track is not None:
+            raise InputError(f"{vehicle} is the record of one run: give one --speed-kmh and no --track")
+        prepare()
+        read = {"sample_rate": fs, **({} if bridge_s is None else {"bridge": bridge_s})}
+        record, notes = read_running_record(
+            vehicle,
+            speed_kmh[0] / KMH,
+            columns=named("--columns", [columns or ""], TEST_NAMES),
+            units=units_of(unit, TEST_NAMES, time_unit, ACCELERATIONS),
+            **read,
+        )
+        found = acceptance_of_record(
+            record,
+            axle_load=None if axle_load_n is None else axle_load_n,
+            bogie_mass=None if bogie_mass_t is None else 1e3 * bogie_mass_t,
+            prudhomme_factor=prudhomme_factor,
+            section_length=section_m,
+            hunting_frequency=hunting_frequency_hz,
+        )
+        show(
+            {**found.to_dict(), "file": vehicle, "read": list(notes)},
+            [str(found), *[f"note: {note}" for note in notes]],
+            as_json,
+            out,
+        )
+        return
+    for option, value in (("fs", fs), ("time-unit", time_unit), ("axle-load-n", axle_load_n), ("bogie-mass-t", bogie_mass_t)):
+        if value is not None:
+            raise InputError(f"--{option} is for the record of a test (a file), not for the vehicle {vehicle!r}")
+    track = track or "erri-high"
+    how = track_file(track, columns, unit, chord_m, longest_m, shortest_m, bridge_m)
     every = math.floor(1.0 / (SAMPLING * dt_s) + 1e-9)
     if every < 1:
         raise InputError(f"--dt-s must be {1.0 / SAMPLING:g} or less, for a sampling rate of {SAMPLING:g} Hz")
@@ -64,8 +142,8 @@ def acceptance(
     sections = [section_m or float(default_section(speed)) for speed in speeds]
     ends = [2.0 * MARGIN * speed for speed in speeds]
     line = None
-    if track.lower().endswith(".csv"):
-        line, _ = make_track(track, track_seed)
+    if is_table(track) and isinstance(read_line := make_track(track, track_seed, file=how)[0], MeasuredTrack):
+        line = read_line
         # beyond its end the track is straight, which would pass as smooth
         whole = float(line.label.distance[-1] - line.label.distance[0])
         if len(speeds) > 1 or (length_m or 0.0) > whole:
@@ -79,7 +157,7 @@ def acceptance(
         raise InputError(f"--length-m {length_m:g} does not hold a section and the margins; give {math.ceil(shortest)} or more")
     samples = math.ceil(length_m / (min(speeds) * every * dt_s))
     if line is None:
-        line, _ = make_track(track, track_seed, length=max(1000.0, 100.0 + samples * every * dt_s * max(speeds)))
+        line, _ = make_track(track, track_seed, length=max(1000.0, 100.0 + samples * every * dt_s * max(speeds)), file=how)
     with working(f"running {samples * every * dt_s:.0f} s of {loaded.name}"):
         run = simulate(
             loaded,

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from .cli_common import AsJson, VehicleName, calibrated, finite, load, show
+from .cli_files import BridgeM, ChordM, Columns, LongestM, ShortestM, Units, track_file
 from .cli_inputs import DAMPERS, make_damper, make_track
 from .errors import InputError
 
@@ -29,9 +30,18 @@ def animate(
         float | None, typer.Option(help="Displacement of all wheelsets at the start in mm; 5 on even track, 0 on others.")
     ] = None,
     track: Annotated[
-        str | None, typer.Option(help="A random track, erri-low, erri-high, fra-1 to fra-6; or a measured one, a .csv file.")
+        str | None,
+        typer.Option(
+            help="A random track, erri-low, erri-high, fra-1 to fra-6; or the file of a measured one, or of a spectrum."
+        ),
     ] = None,
     track_seed: Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")] = None,
+    columns: Columns = None,
+    unit: Units = None,
+    chord_m: ChordM = None,
+    longest_m: LongestM = None,
+    shortest_m: ShortestM = None,
+    bridge_m: BridgeM = None,
     amplitude_mm: Annotated[float | None, typer.Option(help="Instead: amplitude of a sinusoidal alignment in mm.")] = None,
     wavelength_m: Annotated[float | None, typer.Option(help="Its wavelength in m; 20 if not given.")] = None,
     duration_s: Annotated[float, typer.Option(help="Duration of the run in s.")] = 5.0,
@@ -55,6 +65,7 @@ def animate(
     """
     finite(speed_kmh=speed_kmh, wavelength_m=wavelength_m, duration_s=duration_s, slow=slow, magnified=magnified)
     finite(positive=False, alpha=alpha, displaced_mm=displaced_mm, amplitude_mm=amplitude_mm, start_s=start_s, stop_s=stop_s)
+    how = track_file(track, columns, unit, chord_m, longest_m, shortest_m, bridge_m)
     of_track = {"track": track, "track-seed": track_seed, "amplitude-mm": amplitude_mm, "wavelength-m": wavelength_m}
     tracked = [name for name, value in of_track.items() if value is not None]
     if mode is not None and limit_cycle:
@@ -92,7 +103,7 @@ def animate(
             content["shown"] = "run from the limit cycle"
     else:
         motion, assumed = _run(
-            loaded, speed, law, tracked, (track, track_seed, amplitude_mm, wavelength_m), displaced_mm, duration_s
+            loaded, speed, law, tracked, (track, track_seed, amplitude_mm, wavelength_m, how), displaced_mm, duration_s
         )
         title = f"{loaded.name} at {speed_kmh:.1f} km/h, {f'{damper} damper' if damper == 'passive' else damper}"
         options = {"start": start_s, "stop": stop_s, "title": title}
@@ -146,8 +157,8 @@ def _run(
 ) -> tuple[Any, list[str]]:
     from . import animation_channels, simulate
 
-    name, seed, amplitude, wavelength = options
-    line, assumed = make_track(name, seed, amplitude, wavelength) if tracked else (None, [])
+    name, seed, amplitude, wavelength, how = options
+    line, assumed = make_track(name, seed, amplitude, wavelength, file=how) if tracked else (None, [])
     start = (0.0 if tracked else 5.0) if displaced is None else displaced
     record = animation_channels(vehicle)
     initial = {"wheelset_y": 1e-3 * start}

@@ -20,22 +20,25 @@ from .cli_common import (
     show,
     working,
 )
+from .cli_files import (
+    BridgeM,
+    BridgeS,
+    ChordM,
+    Columns,
+    LongestM,
+    ShortestM,
+    TimeUnit,
+    Units,
+    named,
+    track_file,
+    units_of,
+)
 from .cli_inputs import make_damper, make_track
 from .cli_out import PICTURES, as_picture, check_out, out_option
 from .errors import InputError, NumericalError
 
 if TYPE_CHECKING:
     from .track import Track
-
-#: by these names a column is found without being told
-NAMES = {
-    "time": ("time", "t"),
-    "lateral": ("lateral", "ay", "a_y", "y", "lateral acceleration"),
-    "vertical": ("vertical", "az", "a_z", "z", "vertical acceleration"),
-    "longitudinal": ("longitudinal", "ax", "a_x", "x", "longitudinal acceleration"),
-}
-ACCELERATIONS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "g": 9.80665, "mg": 9.80665e-3}
-UNITS = {"time": {"s": 1.0, "ms": 1e-3}} | dict.fromkeys(("lateral", "vertical", "longitudinal"), ACCELERATIONS)
 
 #: samples of a simulation each second: N_MV's band to 40 Hz five times over
 SAMPLE, SETTLE = 5e-3, 5.0
@@ -44,24 +47,35 @@ SAMPLE, SETTLE = 5e-3, 5.0
 def comfort(
     source: Annotated[
         str,
-        typer.Argument(metavar="FILE.csv|VEHICLE", help="A record, or a vehicle to simulate.", autocompletion=complete_vehicle),
+        typer.Argument(metavar="FILE|VEHICLE", help="A record, or a vehicle to simulate.", autocompletion=complete_vehicle),
     ],
     fs: Annotated[
-        float | None, typer.Option("--fs", "--fs-hz", help="Sampling rate of the record in Hz (default: from its time column).")
+        float | None,
+        typer.Option("--fs", "--fs-hz", help="Sampling rate of the record in Hz; it has the last word over its time."),
     ] = None,
-    columns: Annotated[
-        str | None, typer.Option(help="Columns of the record, as 'lateral=Ay,vertical=Az' (also longitudinal, time).")
+    columns: Columns = None,
+    unit: Units = None,
+    time_unit: TimeUnit = None,
+    bridge_s: BridgeS = None,
+    weighting: Annotated[
+        list[str] | None, typer.Option(help="Another weighting than EN 12299's, as vertical=Wk (ISO 2631-1); may be repeated.")
     ] = None,
-    unit: Annotated[str | None, typer.Option(help="Unit of the accelerations: g or m/s2 (default: from the header).")] = None,
+    transition: Annotated[
+        list[str] | None, typer.Option(help="A transition curve of the record for P_CT: start,end in s; may be repeated.")
+    ] = None,
     speed_kmh: Annotated[float, typer.Option(help="Speed of the vehicle in km/h.")] = 180.0,
     track: Annotated[
         str | None,
         typer.Option(
-            help=f"Its track, {TRACKS} (erri-high if nothing else is given); or a measured one, a .csv file.",
+            help=f"Its track, {TRACKS} (erri-high if nothing else is given); or the file of a measured one, or of a spectrum.",
             autocompletion=complete_track,
         ),
     ] = None,
     track_seed: TrackSeed = None,
+    chord_m: ChordM = None,
+    longest_m: LongestM = None,
+    shortest_m: ShortestM = None,
+    bridge_m: BridgeM = None,
     amplitude_mm: Annotated[float | None, typer.Option(help="Instead: amplitude of a sinusoidal alignment in mm.")] = None,
     wavelength_m: Annotated[float | None, typer.Option(help="Its wavelength in m; 20 if not given.")] = None,
     duration_s: Annotated[float, typer.Option(help="Duration in s, after 5 s of settling.")] = 300.0,
@@ -74,35 +88,57 @@ def comfort(
     out: Annotated[Path | None, out_option("the result, drawn or whole,", *PICTURES)] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Ride comfort: EN 12299 (mean and continuous comfort), ISO 2631-1 (r.m.s., MTVV, VDV), Sperling.
+    """Ride comfort: EN 12299 (N_MV, N_VA, N_VD, C_C, P_DE, P_CT), ISO 2631-1 (r.m.s., a_v, MTVV, VDV), Sperling.
+
+    A record may be separated by commas, semicolons, tabs or blanks, with decimal commas, comments, a row of units, or no header.
 
     Example: railjax comfort ride.csv --fs 200 --columns lateral=Ay --unit g
+
+    Example: railjax comfort phone.txt --columns lateral=gFx,vertical=gFz --weighting vertical=Wk
 
     Example: railjax comfort coach --speed-kmh 200 --track erri-high
     """
     finite(fs=fs, speed_kmh=speed_kmh, wavelength_m=wavelength_m, duration_s=duration_s, dt_s=dt_s)
     finite(sperling_exponent=sperling_exponent, sperling_power=sperling_power)
-    finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha)
+    finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha, bridge_s=bridge_s)
     check_out(out, *PICTURES)
     from . import MeasuredTrack
     from .comfort import comfort as judge
-    from .deflections import CARBODY_TO_FLOOR
+    from .deflections import CARBODY_TO_FLOOR, is_one_stage
+    from .text_table import is_table
     from .units import KMH
 
     prepare()
     options = {"mean": mean_comfort, "sperling_exponent": sperling_exponent, "sperling_power": sperling_power}
-    if source.lower().endswith(".csv"):
-        records, rate, notes = _read(Path(source), fs, columns, unit)
-        found, content = judge(records, rate, **options), {"file": source}
+    options["weightings"] = _weightings(weighting)
+    if is_table(source):
+        from .rides import ACCELERATIONS, NAMES, read_ride
+        from .stamps import BRIDGE
+
+        for option, given in (("track", track), ("chord-m", chord_m), ("longest-m", longest_m), ("bridge-m", bridge_m)):
+            if given is not None:
+                raise InputError(f"--{option} is for a vehicle on a track, not for the record {source}")
+        ride = read_ride(
+            source,
+            columns=named("--columns", [columns or ""], NAMES),
+            units=units_of(unit, NAMES, time_unit, ACCELERATIONS),
+            sample_rate=fs,
+            bridge=BRIDGE if bridge_s is None else bridge_s,
+        )
+        found, content = judge(ride.values, ride.rate, transitions=_transitions(transition), **options), {"file": source}
+        notes = list(ride.notes)
     else:
-        if fs is not None or columns is not None or unit is not None:
-            raise InputError(f"--fs, --columns and --unit are for a record (FILE.csv), not for the vehicle {source!r}")
+        if fs is not None or time_unit is not None or transition or bridge_s is not None:
+            raise InputError(
+                f"--fs, --time-unit, --bridge-s and --transition are for a record (a file), not for the vehicle {source!r}"
+            )
         loaded = load(source)
         if amplitude_mm is None and wavelength_m is None:
             track = track or "erri-high"
         # long enough that no part of it is ridden twice
         length = speed_kmh / KMH * (duration_s + SETTLE) + 200.0
-        road, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, None, length)
+        how = track_file(track, columns, unit, chord_m, longest_m, shortest_m, bridge_m)
+        road, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, None, length, how)
         if isinstance(road, MeasuredTrack) and road.length < length - 200.0:
             longest = max(road.length / speed_kmh * KMH - SETTLE, 0.0)
             raise InputError(
@@ -114,6 +150,8 @@ def comfort(
         notes = [*assumed, *(f"fitted: {entry}" for entry in calibrated(loaded))]
         if loaded.geometry.carbody_to_floor is None:
             notes.append(f"floor: {CARBODY_TO_FLOOR:g} m below the car body's centre of gravity (assumed)")
+        if is_one_stage(loaded):
+            notes.append("floor: of the only body, over its outer axles (here called bogies) and in the centre")
         content = {"vehicle": loaded.name, "speed_kmh": speed_kmh, "damper": damper}
     content |= found.as_dict()
     content["notes"] = [*content["notes"], *notes]
@@ -121,34 +159,26 @@ def comfort(
     show(content, [str(found), *(f"  note: {note}" for note in notes)], as_json, out, drawn)
 
 
-def _read(path: Path, fs: float | None, columns: str | None, unit: str | None) -> tuple[dict[str, Any], float, list[str]]:
-    """Accelerations by direction in m/s^2, the sampling rate, and what was assumed."""
-    from .csv_columns import read_columns
-    from .record import sampling_interval
+def _weightings(texts: list[str] | None) -> dict[str, str | None] | None:
+    from .comfort_result import DIRECTIONS
+    from .weightings import WEIGHTINGS
 
-    named: dict[str, str | None] = {}
-    for part in (columns or "").split(","):
-        kind, equals, name = (piece.strip() for piece in part.partition("="))
-        if kind and (not equals or kind not in NAMES or not name):
-            raise InputError(f"--columns {part.strip()!r}: write direction=name, with {', '.join(NAMES)} on the left")
-        named |= {kind: name} if kind else {}
-    if unit is not None and unit not in ACCELERATIONS:
-        raise InputError(f"--unit must be one of {', '.join(ACCELERATIONS)}, not {unit!r}")
-    # named accelerations are the only ones
-    wanted = [kind for kind in NAMES if kind == "time" or kind in named or not set(named) - {"time"}]
-    found, notes = read_columns(
-        path,
-        {kind: NAMES[kind] for kind in wanted},
-        UNITS,
-        columns=named,
-        given={kind: unit for kind in wanted if kind != "time"},
-        purpose="judge comfort",
-        options=("--columns {}=", "--unit"),
-    )
-    rate = 1.0 / sampling_interval(found.pop("time", None), fs, path, "--fs")
-    if not found:
-        raise InputError(f"{path}: no column of an acceleration; name it, as in --columns lateral=NAME")
-    return found, rate, notes
+    found = named("--weighting", texts or (), DIRECTIONS)
+    for direction, name in found.items():
+        if name not in WEIGHTINGS:
+            raise InputError(f"--weighting {direction}={name}: {name} is none of {', '.join(WEIGHTINGS)}")
+    return found or None
+
+
+def _transitions(texts: list[str] | None) -> list[tuple[float, float]]:
+    found = []
+    for text in texts or ():
+        try:
+            start, end = map(float, text.split(","))
+        except ValueError:
+            raise InputError(f"--transition {text!r}: write its start and end in s, as 12.5,17") from None
+        found.append((start, end))
+    return found
 
 
 def _simulated(vehicle: Any, speed_kmh: float, track: "Track", duration_s: float, dt_s: float, damper: str, alpha: Any) -> Any:

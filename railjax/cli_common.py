@@ -52,7 +52,10 @@ DamperName = Annotated[
 Alpha = Annotated[float | None, typer.Option(help=f"Gain α of the dampers {' and '.join(WITH_ALPHA)}.")]
 TRACKS = "erri-low, erri-high, fra-1 to fra-6"
 TrackName = Annotated[
-    str, typer.Option(help=f"A random track, {TRACKS}; or a measured one, a .csv file.", autocompletion=complete_track)
+    str,
+    typer.Option(
+        help=f"A random track, {TRACKS}; or the file of a measured one, or of a spectrum.", autocompletion=complete_track
+    ),
 ]
 TrackSeed = Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]

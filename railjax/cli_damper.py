@@ -6,8 +6,10 @@ from typing import Annotated
 import typer
 
 from .cli_common import AsJson, completing, finite, prepare, show, working
+from .cli_files import BridgeS
 from .cli_out import PICTURES, OutJson, as_picture, check_out, out_option
 from .errors import InputError
+from .stamps import BRIDGE
 
 damper_app = typer.Typer(help="The hybrid magnetorheological damper: its design, its model.", no_args_is_help=True)
 
@@ -91,13 +93,15 @@ def damper_design(
 
 
 LAWS, METHODS = ("saturating", "linear"), ("levenberg-marquardt", "adam")
-Column = Annotated[str | None, typer.Option(help="Its column; else the header is searched.", show_default=False)]
+Column = Annotated[
+    str | None, typer.Option(help="Its column, or its number from 1; else the header is searched.", show_default=False)
+]
 Unit = Annotated[str | None, typer.Option(help="Its unit; else as the header says, else SI.", show_default=False)]
 
 
 @damper_app.command("identify")
 def damper_identify(
-    file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="Test record: motion, command and force, with a header.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="Test record: motion, command and force.")],
     time: Column = None,
     displacement: Column = None,
     velocity: Column = None,
@@ -110,8 +114,9 @@ def damper_identify(
     force_unit: Unit = None,
     sample_rate: Annotated[
         float | None,
-        typer.Option("--sample-rate", "--sample-rate-hz", help="Sampling rate in Hz, if there is no column of the time."),
+        typer.Option("--sample-rate", "--sample-rate-hz", help="Sampling rate in Hz; it has the last word over the time."),
     ] = None,
+    bridge_s: BridgeS = BRIDGE,
     voltage_law: Annotated[
         str, typer.Option(help="saturating or linear (the paper's eqs. 15-17).", autocompletion=completing(lambda: LAWS))
     ] = "saturating",
@@ -129,6 +134,8 @@ def damper_identify(
 ) -> None:
     """Parameters of a modified Bouc-Wen damper from a test record, with standard errors, scored on a held-out part.
 
+    --command none says that the record has none.
+
     Example: railjax damper identify test.csv --displacement D --displacement-unit mm --command U --force F
     """
     for name, value, known in (
@@ -138,7 +145,7 @@ def damper_identify(
         if value not in known:
             raise InputError(f"--{name} must be one of {', '.join(known)}, not {value!r}")
     finite(sample_rate=sample_rate)
-    finite(positive=False, fit_share=fit_share, settle_s=settle_s)
+    finite(positive=False, fit_share=fit_share, settle_s=settle_s, bridge_s=bridge_s)
     check_out(out, *PICTURES)
 
     from .identify import identify_damper
@@ -155,7 +162,7 @@ def damper_identify(
     }
     with working(f"identifying {file.name}"):
         found = identify_damper(
-            read_record(file, columns=columns, units=units, sample_rate=sample_rate),
+            read_record(file, columns=columns, units=units, sample_rate=sample_rate, bridge=bridge_s),
             voltage_law=voltage_law,
             inertia=inertia,
             method=method,

@@ -1,7 +1,7 @@
 """The dampers and tracks that the command line knows by name."""
 
 import difflib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .errors import InputError
 
@@ -61,16 +61,19 @@ def make_track(
     wavelength_m: float | None = None,
     bump_m: float | None = None,
     length: float = 0.0,
+    file: dict[str, Any] | None = None,
 ) -> tuple["Track", list[str]]:
-    """The track of `--track` (a spectrum's name or a CSV file) or of the other options, and what it rests on.
+    """The track of `--track` (a spectrum's name, a file of one or of a measured track) or of the other options, and what it rests on.
 
-    A random track repeats itself after `length` m at the earliest. Raises `InputError`.
+    A random track repeats itself after `length` m at the earliest; `file` says how to read one (`cli_files.track_file`).
+    Raises `InputError`.
     """
-    from . import BumpTrack, MeasuredTrack, RandomTrack, SinusoidTrack
+    from . import BumpTrack, RandomTrack, SinusoidTrack
+    from .cli_files import track_of_file
     from .random_track import LENGTH
+    from .text_table import is_table
 
-    measured = name is not None and name.lower().endswith(".csv")
-    if seed is not None and (name is None or measured):
+    if seed is not None and name is None:
         raise InputError("--track-seed is for a random track, like --track erri-high")
     if name is None:
         amplitude = (5.0 if amplitude_mm is None else amplitude_mm) / 1e3
@@ -80,7 +83,10 @@ def make_track(
         if value is not None:
             raise InputError(f"--{option} and --track exclude each other: give one")
     try:
-        found = MeasuredTrack.from_csv(name) if measured else RandomTrack(name, seed=seed or 0, length=max(length, LENGTH))
+        length = max(length, LENGTH)
+        found = (
+            track_of_file(name, seed, length, file or {}) if is_table(name) else RandomTrack(name, seed=seed or 0, length=length)
+        )
     except InputError as error:
         raise InputError(f"--track: {error}") from None
     return found, [f"track: {line.strip()}" for line in str(found).splitlines()]

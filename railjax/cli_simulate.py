@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from .cli_common import TRACKS, Alpha, AsJson, DamperName, TrackSeed, VehicleName, complete_track, finite, load, show, working
+from .cli_files import BridgeM, ChordM, Columns, LongestM, ShortestM, Units, track_file
 from .cli_inputs import make_damper, make_track
 from .cli_out import PICTURES, TABLE, as_picture, check_out, out_option
 from .errors import InputError, NumericalError
@@ -23,9 +24,18 @@ def simulate(
     bump_m: Annotated[float | None, typer.Option(help="Instead: a single bump of this length in m, at 20 m.")] = None,
     track: Annotated[
         str | None,
-        typer.Option(help=f"Instead: a random track, {TRACKS}; or a measured one, a .csv file.", autocompletion=complete_track),
+        typer.Option(
+            help=f"Instead: a random track, {TRACKS}; or the file of a measured one, or of a spectrum.",
+            autocompletion=complete_track,
+        ),
     ] = None,
     track_seed: TrackSeed = None,
+    columns: Columns = None,
+    unit: Units = None,
+    chord_m: ChordM = None,
+    longest_m: LongestM = None,
+    shortest_m: ShortestM = None,
+    bridge_m: BridgeM = None,
     duration_s: Annotated[float, typer.Option(help="Duration in s.")] = 10.0,
     dt_s: Annotated[float, typer.Option(help="Step of RK4 in s.")] = 1e-3,
     damper: DamperName = "passive",
@@ -46,7 +56,8 @@ def simulate(
     finite(positive=False, amplitude_mm=amplitude_mm, alpha=alpha)
     check_out(out, TABLE, NETCDF, *PICTURES)
     loaded = load(vehicle)
-    line, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, bump_m)
+    how = track_file(track, columns, unit, chord_m, longest_m, shortest_m, bridge_m)
+    line, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, bump_m, file=how)
     law = make_damper(damper, loaded, speed_kmh / KMH, alpha)
     channels = [name.strip() for name in record.split(",") if name.strip()]
     if not channels:

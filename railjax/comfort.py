@@ -1,22 +1,22 @@
 """Ride comfort of a record or a simulation: ISO 2631-1, EN 12299 and Sperling, in one report."""
 
+import dataclasses
 import functools
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .comfort_result import DIRECTIONS, Comfort
 from .deflections import CARBODY_TO_FLOOR, FLOOR_POINTS, lateral_of_carbody
 from .errors import InputError
+from .ride_indices import FLOOR, SEAT, combined_indices, curve_transitions, discrete_events, gravity_note
 from .simulate import Simulation
 from .typing import Scalar
 from .vibration import (
     BLOCK,
-    THIRD_OCTAVES,
     block_rms,
     combined,
     mean_comfort,
@@ -28,23 +28,10 @@ from .vibration import (
 )
 from .weightings import WEIGHTINGS, check_rate, check_weighting
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 Values = Float[np.ndarray, "*lanes"]
 
-#: direction -> its symbol and its weighting on the floor (EN 12299)
-DIRECTIONS = {"longitudinal": ("x", "Wd"), "lateral": ("y", "Wd"), "vertical": ("z", "Wb")}
-
-#: upper bounds of each class and its name (EN 12299, recalled): mean comfort, and continuous comfort (m/s^2) across and upwards
-MEAN_SCALE = (
-    (1.5, "very comfortable"),
-    (2.5, "comfortable"),
-    (3.5, "medium"),
-    (4.5, "uncomfortable"),
-    (np.inf, "very uncomfortable"),
-)
-CONTINUOUS_SCALE = ((0.20, "very comfortable"), (0.30, "comfortable"), (0.40, "medium"), (np.inf, "less comfortable"))
+#: what is no acceleration, rad/s
+ROLL_RATE = "roll rate"
 
 #: 5 s blocks of a full test (5 min, EN 12299), and the fewest of which one lies beyond the 95th percentile: 1/(1 - 0.95)
 FULL_TEST, FEWEST_BLOCKS = 60, 20
@@ -54,94 +41,6 @@ LOWEST_RATE = 100.0
 
 #: channels of a simulation in the order in which they are looked for
 CHANNELS_OF_COMFORT = ("floor_acceleration", "carbody_acceleration")
-
-
-@dataclass(frozen=True)
-class Comfort:
-    """Result of `comfort`; arrays by direction ("lateral", ...), of the record's shape without time (`lanes`).
-
-    `rms` a_w (m/s^2), `blocks` the r.m.s. of successive 5 s (C_Cy and its like; blocks first; m/s^2), `percentile` their 95th
-    percentile, `sperling` Wz and `sperling_bands` Wz_i (bands first), `dose` VDV (m/s^1.75), `running` MTVV (m/s^2), `crest`
-    the crest factor, `mean` N_MV over all directions given, or None. `places` names the lanes, `notes` say what to mind.
-    """
-
-    sampling_rate: float  # Hz
-    duration: float  # s
-    weightings: dict[str, str]
-    rms: dict[str, Values]
-    blocks: dict[str, Float[np.ndarray, "blocks *lanes"]]
-    percentile: dict[str, Values] | None
-    mean: Values | None  # N_MV, dimensionless
-    sperling: dict[str, Values]
-    sperling_bands: dict[str, Float[np.ndarray, "bands *lanes"]]
-    sperling_exponents: tuple[float | int, float | int]  # numbers: `sperling_exponent`, `sperling_power`
-    dose: dict[str, Values]
-    running: dict[str, Values]
-    crest: dict[str, Values]
-    places: tuple[str, ...]
-    notes: tuple[str, ...]
-
-    def __str__(self) -> str:
-        lines = [f"Ride comfort: {self.duration:g} s at {self.sampling_rate:g} Hz, {', '.join(self.rms)}"]
-        if self.places:
-            lines.append(f"  at {', '.join(self.places)}")
-        if self.mean is not None:
-            of_parts = "" if len(self.rms) == 3 else f", the {' and '.join(self.rms)} part alone"
-            lines.append(f"  mean comfort N_MV (EN 12299{of_parts}): {_span(self.mean)}, {_words(self.mean, MEAN_SCALE)}")
-        for direction, weighted in self.rms.items():
-            symbol = DIRECTIONS[direction][0]
-            name = self.weightings[direction]
-            lines.append(f"  {direction} ({name}):")
-            lines.append(f"    weighted r.m.s. a_w: {_span(weighted)} m/s^2")
-            blocks = self.blocks[direction]
-            if len(blocks):
-                shares = f"{_shares(blocks)}; " if direction != "longitudinal" else ""  # no scale for C_Cx
-                lines.append(f"    continuous comfort C_C{symbol}: {shares}largest {_span(blocks.max(axis=0))} m/s^2")
-            if self.percentile is not None:
-                lines.append(f"    95th percentile of the 5 s values: {_span(self.percentile[direction])} m/s^2")
-            lines.append(f"    MTVV {_span(self.running[direction])} m/s^2, VDV {_span(self.dose[direction])} m/s^1.75")
-            lines.append(f"    crest factor {_span(self.crest[direction])}")
-            if direction in self.sperling:
-                worst = np.unravel_index(np.nanargmax(self.sperling_bands[direction]), self.sperling_bands[direction].shape)[0]
-                exponent, power = self.sperling_exponents
-                lines.append(
-                    f"    Sperling Wz: {_span(self.sperling[direction])}, most at {10 ** (THIRD_OCTAVES[worst] / 10):.3g} Hz "
-                    f"((aB)^(2 x {exponent:.4g}) per band, powers of {power:g} added)"
-                )
-        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
-
-    def plot(self, axes: "Axes", bands: "Axes | None" = None) -> None:
-        """Weighted r.m.s. of successive 5 s over time; Sperling's index by third octaves where axes are given for it."""
-        from .plots import comfort
-
-        comfort(axes, bands, self)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain numbers and lists, for JSON."""
-        directions = {
-            direction: {
-                "weighting": self.weightings[direction],
-                "rms_m_per_s2": self.rms[direction].tolist(),
-                "continuous_comfort_m_per_s2": self.blocks[direction].tolist(),
-                "percentile_95_m_per_s2": None if self.percentile is None else self.percentile[direction].tolist(),
-                "mtvv_m_per_s2": self.running[direction].tolist(),
-                "vdv_m_per_s1.75": self.dose[direction].tolist(),
-                "crest_factor": self.crest[direction].tolist(),
-                "sperling": self.sperling[direction].tolist() if direction in self.sperling else None,
-                "sperling_bands": self.sperling_bands[direction].tolist() if direction in self.sperling else None,
-            }
-            for direction in self.rms
-        }
-        return {
-            "duration_s": self.duration,
-            "sampling_rate_hz": self.sampling_rate,
-            "mean_comfort": None if self.mean is None else self.mean.tolist(),
-            "mean_comfort_scale": None if self.mean is None else _words(self.mean, MEAN_SCALE),
-            "third_octaves_hz": [10 ** (n / 10) for n in THIRD_OCTAVES],
-            "places": list(self.places),
-            "directions": directions,
-            "notes": list(self.notes),
-        }
 
 
 def comfort(
@@ -154,13 +53,15 @@ def comfort(
     place: str | int | None = None,
     mean: bool = True,
     settle: float | int = 0.0,
+    transitions: Sequence[tuple[float | int, float | int]] = (),
     sperling_exponent: float | int = 1.0 / 6.67,
     sperling_power: float | int = 6.67,
 ) -> Comfort:
     """Ride comfort from accelerations of the floor in m/s^2.
 
-    `acceleration`: samples of shape (time,) or (time, ...lanes) in one `direction` ("lateral", "vertical", "longitudinal"), a
-    mapping of directions to such arrays, or a `Simulation`, of which the lateral `channel` is read (default
+    `acceleration`: samples of shape (time,) or (time, ...lanes) in one `direction` ("lateral", "vertical", "longitudinal"; also
+    "seat lateral", "seat vertical", "backrest longitudinal"), a mapping of directions to such arrays (with which a "roll rate" in
+    rad/s may be), or a `Simulation`, of which the lateral `channel` is read (default
     "floor_acceleration", else "carbody_acceleration") at one `place` of it ("leading bogie", "centre", "trailing bogie", or a
     number; default all). `sampling_rate` in Hz, 100 or more; a simulation knows its own. The mean is taken off a record, and
     `settle` seconds are left out at its start (after the weighting).
@@ -169,6 +70,9 @@ def comfort(
     N_MV is of the directions given: with the lateral one alone its part of it, which is below the whole. It takes the 95th
     percentile (between order statistics linearly) of successive 5 s; a test has 60 of them (5 min), 20 are the fewest of
     which one can lie beyond that percentile, and less than that is refused unless `mean=False`, which leaves N_MV out.
+    Of the floor's directions a_v is the vector sum; N_VD takes all three, N_VA the vertical one and those of the seat. A measured
+    lateral record has P_DE, and P_CT of each of its `transitions` (from and to, in s): both see the quasi-static acceleration,
+    and so an offset of the sensor. Gravity in a vertical record is taken off with its mean.
     `sperling_exponent` and `sperling_power` as `exponent` and `power` of `sperling`. Lanes that a simulation marks as failed are NaN.
 
     Raises `InputError` for anything that is no finite number, rates below 100 Hz, records too short, unknown names. Not
@@ -192,6 +96,9 @@ def comfort(
     if sampling_rate is None:
         raise InputError("sampling_rate in Hz is missing")
     check_rate(sampling_rate)
+    roll = found.pop(ROLL_RATE, None)
+    if not found:
+        raise InputError("a roll rate alone is no ride; give an acceleration")
     # a simulation's interval is rounded
     if sampling_rate < LOWEST_RATE * (1.0 - 1e-9):
         raise InputError(f"sampling_rate {sampling_rate:g} Hz is too low: comfort to 40 Hz needs {LOWEST_RATE:g} Hz or more")
@@ -202,7 +109,23 @@ def comfort(
     for name in names.values():
         if check_weighting(name) not in WEIGHTINGS:
             raise InputError(f"weightings: {name!r} is no weighting of ISO 2631-1; Sperling's index is there without it")
-    return _report(records, names, float(sampling_rate), settle, mean, (sperling_exponent, sperling_power), places, ok)
+    notes, events, curves = [], {}, {}
+    if not isinstance(acceleration, Simulation):
+        notes = [note for name, record in records.items() if (note := gravity_note(name, record)) is not None]
+    if transitions and (isinstance(acceleration, Simulation) or "lateral" not in records):
+        raise InputError("transitions are for a record of the lateral acceleration")
+    report = _report(records, names, float(sampling_rate), settle, mean, (sperling_exponent, sperling_power), places, ok)
+    if "lateral" in records and not isinstance(acceleration, Simulation):
+        lateral, rate = records["lateral"], float(sampling_rate)
+        events = discrete_events(lateral, rate)
+        if transitions:
+            rolled = None if roll is None else _checked(ROLL_RATE, roll, ok)
+            curves = curve_transitions(lateral, rolled, rate, transitions)
+            notes += [] if roll is not None else ["P_CT: without its part of the roll rate, which is not in the record"]
+    lacking = [name for name in ("vertical", *SEAT) if name not in records]
+    if any(name in records for name in SEAT) and lacking:
+        notes.append(f"N_VA: not formed, as {', '.join(lacking)} is not in the record")
+    return dataclasses.replace(report, notes=(*report.notes, *notes), events=events, curves=curves)
 
 
 def _report(
@@ -239,7 +162,8 @@ def _report(
         crest = results["crest"][direction]
         if np.any(crest > 9.0):
             notes.append(f"{direction}: crest factor above 9, where ISO 2631-1 asks for MTVV and VDV beside a_w")
-    whole = np.asarray(mean_comfort(list(results["percentile"].values()))) if mean else None
+    floor = [value for direction, value in results["percentile"].items() if direction in FLOOR]
+    whole = np.asarray(mean_comfort(floor)) if floor else None
     return Comfort(
         sampling_rate,
         duration,
@@ -248,6 +172,7 @@ def _report(
         sperling_exponents=exponents,
         places=places,
         notes=tuple(notes),
+        indices=combined_indices(results["rms"], results["blocks"], mean),
         **results if mean else results | {"percentile": None},
     )
 
@@ -274,7 +199,7 @@ def _measured(
     values["crest"] = jnp.max(jnp.abs(weighted), axis=0) / values["rms"]
     if mean:
         values["percentile"] = jnp.percentile(values["blocks"], 95.0, axis=0)
-    if direction != "longitudinal":
+    if direction in ("lateral", "vertical"):
         values["sperling_bands"] = sperling_bands(record[skip:], sampling_rate, direction, exponents[0])
         values["sperling"] = combined(values["sperling_bands"], exponents[1])
     return values
@@ -299,7 +224,7 @@ def _of_simulation(run: Simulation, channel: str | None, place: str | int | None
 
 
 def _checked(direction: str, values: ArrayLike, ok: np.ndarray | bool) -> Float[np.ndarray, "samples *lanes"]:
-    if direction not in DIRECTIONS:
+    if direction not in (*DIRECTIONS, ROLL_RATE):
         raise InputError(f"direction {direction!r} is not one of {', '.join(DIRECTIONS)}")
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)):
         raise InputError("comfort reports numbers and has no derivative; inside a transformation use weighted_rms or sperling")
@@ -335,30 +260,3 @@ def floor_acceleration(
     if missing:
         raise InputError(f"the simulation has not recorded {', '.join(missing)}: name them in simulate(..., record=[...])")
     return lateral_of_carbody({name: run.channels[f"{name}_acceleration"] for name in names}, along, -height)
-
-
-def _span(values: ArrayLike) -> str:
-    """A few values one by one, many as their range; NaN where a lane failed."""
-    flat = np.ravel(values)
-    if flat.size <= 4:
-        return ", ".join(f"{value:.4g}" for value in flat)
-    return f"{np.nanmin(flat):.4g} to {np.nanmax(flat):.4g}"
-
-
-def _words(values: ArrayLike, scale: tuple) -> str:
-    """The scale's words for the least and the greatest value."""
-    finite = np.ravel(values)[np.isfinite(np.ravel(values))]
-    words = (
-        [next(word for bound, word in scale if value < bound) for value in (finite.min(), finite.max())] if finite.size else []
-    )
-    return " to ".join(dict.fromkeys(words)) or "no number"
-
-
-def _shares(blocks: Float[np.ndarray, "blocks *lanes"]) -> str:
-    """How much of the time is in each class of the continuous scale."""
-    finite, lower, shares = blocks[np.isfinite(blocks)], -np.inf, []
-    for bound, word in CONTINUOUS_SCALE:
-        share = np.mean((finite >= lower) & (finite < bound)) if finite.size else 0.0
-        shares += [f"{share:.0%} {word}"] if share else []
-        lower = bound
-    return ", ".join(shares) or "no number"

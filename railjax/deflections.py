@@ -112,12 +112,24 @@ CARBODY_TO_FLOOR = 0.6
 FLOOR_POINTS = ("leading bogie", "centre", "trailing bogie")
 
 
+def is_one_stage(vehicle: Vehicle) -> bool:
+    """Whether the vehicle is one body on wheelsets, as a two-axle wagon: its only "bogie", under a held car body."""
+    return vehicle.carbody.held and not vehicle.bogie.held and len(vehicle.geometry.bogie_pattern) == 1
+
+
 def lateral_of_floor(vehicle: Vehicle, q: Groups) -> Float[Array, "points *lanes"]:
-    """Lateral motion of the floor over the leading bogie, in the centre and over the trailing bogie."""
+    """Lateral motion of the floor over the leading bogie, in the centre and over the trailing bogie; of a vehicle with one stage of
+    suspension, whose only "bogie" is its body, over the leading axle, in the centre and over the trailing axle."""
     geometry = vehicle.geometry
+    if is_one_stage(vehicle):
+        first, *_, last = (*geometry.axle_pattern, geometry.axle_pattern[-1])
+        q = {f"carbody_{name}": q[f"bogie_{name}"][0] for name in ("y", "psi", "phi")}
+        spread = geometry.half_wheelbase
+    else:
+        first, *_, last = (*geometry.bogie_pattern, geometry.bogie_pattern[-1])
+        spread = geometry.half_pivot_distance
     below = CARBODY_TO_FLOOR if geometry.carbody_to_floor is None else geometry.carbody_to_floor
-    first, *_, last = (*geometry.bogie_pattern, geometry.bogie_pattern[-1])
-    along = _along((first, 0.0, last), q["carbody_y"], q["carbody_y"].ndim) * geometry.half_pivot_distance
+    along = _along((first, 0.0, last), q["carbody_y"], q["carbody_y"].ndim) * spread
     return lateral_of_carbody(q, along, below)
 
 

@@ -1,4 +1,4 @@
-"""Measured tracks: a record of the lateral alignment, from arrays or a CSV file, checked, resampled and filtered."""
+"""Measured tracks: a record of the lateral alignment, from arrays or a file, checked, mended, resampled and filtered."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -8,23 +8,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from .csv_columns import read_columns
 from .errors import InputError
 from .sampled_track import MARGIN, SampledTrack, register
 from .spectra import SHORTEST
+from .track_columns import FEWEST, read_track
+from .track_repair import bridged, restored, spikes
 from .typing import Scalar
-
-#: per quantity: the names by which a column is found without being told, and the factors of its units to SI
-NAMES = {
-    "distance": ("distance", "chainage", "station", "position", "s", "x"),
-    "alignment": ("alignment", "lateral alignment", "lateral_alignment"),
-    "left": ("alignment left", "alignment_left", "left alignment", "left_alignment", "left"),
-    "right": ("alignment right", "alignment_right", "right alignment", "right_alignment", "right"),
-    "cross_level": ("cross level", "cross_level", "crosslevel", "cant", "superelevation"),
-    "gauge": ("gauge", "track gauge", "track_gauge", "gage"),
-}
-_SMALL = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 25.4e-3}
-UNITS = {"distance": {"m": 1.0, "km": 1e3, "ft": 0.3048}} | {kind: _SMALL for kind in list(NAMES)[1:]}
 
 #: straight track before the record, m, so that the leading wheelset starts on it
 LEAD = 20.0
@@ -35,8 +24,8 @@ LARGEST, SMALLEST = 0.2, 1e-6
 #: the widest grid of the spline, m; the samples' own distance where it is smaller
 GRID = SHORTEST / 8
 
-#: samples below which there is no track, and zeros before and after the record in which the spline's coefficients die out (0.27 each)
-FEWEST, TAIL = 16, 24
+#: zeros before and after the record in which the spline's coefficients die out (0.27 each)
+TAIL = 24
 
 #: share of a sample's distance by which even samples may be off, as printed distances are rounded
 UNEVEN = 0.01
@@ -67,6 +56,11 @@ class MeasuredTrack(SampledTrack):
     over the first and last `fade` metres the alignment rises from straight track and returns to it. Beyond both ends it is
     straight. A record that holds the layout of the line needs `longest`, say 200 m. `amplitude` is a factor, one or one per lane.
 
+    With `chord` (m: 10, or 31, 62, 124 ft in m) the alignment is versines in the middle of chords of that length, which are
+    restored to the space curve: waves of half the chord, a quarter, ... are lost, and those longer than `longest`, by default ten
+    chords, 200 m at most. `bridge` (m): samples without a value (NaN), single-sample spikes and gaps of the distance up to that
+    length are bridged by straight lines; without it spikes and short gaps are named in `notes` and the rest is refused.
+
     `cross_level` and `gauge` may be given along; they are kept as read, and the lateral model does not use them.
 
     Raises `InputError` for fewer than 16 samples, values that are not finite, distance that does not rise, a gap, a record too short
@@ -82,15 +76,19 @@ class MeasuredTrack(SampledTrack):
         gauge: ArrayLike | Sequence | None = None,
         shortest: float | None = None,
         longest: float | None = None,
+        chord: float | None = None,
+        bridge: float | None = None,
         fade: float = 50.0,
         amplitude: Scalar = 1.0,
         name: str = "record",
         notes: tuple[str, ...] = (),
     ) -> None:
         kept = [None if values is None else np.asarray(values, float) for values in (distance, alignment, cross_level, gauge)]
-        record = MeasuredRecord(*kept, name, notes)
-        _check(record)
+        record = _mended(MeasuredRecord(*kept, name, notes), bridge)
         samples, spacing = _even(record)
+        if chord is not None:
+            samples, lost = restored(samples, spacing, chord, longest, name)
+            record, longest = dataclasses.replace(record, notes=(*record.notes, *lost)), None
         samples = _tapered(_filtered(samples, spacing, shortest, longest, name), spacing, fade, name)
         self._set(
             coefficients=_coefficients(samples),
@@ -111,46 +109,28 @@ class MeasuredTrack(SampledTrack):
         units: Mapping[str, str] | None = None,
         shortest: float | None = None,
         longest: float | None = None,
+        chord: float | None = None,
+        bridge: float | None = None,
         fade: float = 50.0,
         amplitude: Scalar = 1.0,
     ) -> "MeasuredTrack":
-        """Read a CSV file with a header: distance, alignment (or that of the left and right rail, whose mean is taken), and where
-        there are any, cross level and gauge.
+        """Read a file of numbers (any separator, decimal mark, encoding): distance, alignment (or that of the left and right rail,
+        whose mean is taken), and where there are any, cross level and gauge, which are left out if values are missing.
 
-        `columns` names the column of "distance", "alignment", "left", "right", "cross_level" and "gauge", `units` their units;
-        what is not named is looked up in the header, which may give units as in "alignment (mm)". `notes` say what was assumed.
-        Waves are kept from `shortest` to `longest` (m), the record's ends faded in over `fade` m, and all is multiplied by the
-        number `amplitude`.
+        `columns` names the column of "distance", "alignment", "left", "right", "cross_level" and "gauge" (or gives its number, from
+        1), `units` their units; what is not named is looked up in the header, which may give units as in "alignment (mm)".
+        A record against the kilometres is turned round. `notes` say what was assumed and done. Waves are kept from `shortest` to
+        `longest` (m); versines over a `chord` (m) are restored and holes up to `bridge` m bridged; the record's ends are faded in
+        over `fade` m, and all is multiplied by the number `amplitude`.
         """
         path = Path(path)
-        found, notes = read_columns(
-            path,
-            NAMES,
-            UNITS,
-            columns=dict(columns or {}),
-            given=dict(units or {}),
-            at_least=FEWEST,
-            purpose="make a track",
-            options=("columns['{}']", "units['{}']"),
-        )
-        if "distance" not in found:
-            raise InputError(
-                f"{path}: no column of the distance; name it 'distance (m)' in the header, or by columns['distance']"
-            )
-        both = [found.pop(side, None) for side in ("left", "right")]
-        if "alignment" not in found:
-            if any(side is None for side in both):
-                raise InputError(
-                    f"{path}: no column of the lateral alignment; name it 'alignment (mm)', or both 'alignment left (mm)' and 'alignment right (mm)'"
-                )
-            found["alignment"] = 0.5 * (both[0] + both[1])
-            notes.append("alignment: mean of the left and the right rail's")
-        for kind in found.keys() & {"cross_level", "gauge"}:
-            notes.append(f"{kind.replace('_', ' ')}: kept, but the lateral model does not use it")
+        found, notes = read_track(path, columns or {}, units or {}, chord is not None, bridge is not None)
         return cls(
             **found,
             shortest=shortest,
             longest=longest,
+            chord=chord,
+            bridge=bridge,
             fade=fade,
             amplitude=amplitude,
             name=str(path),
@@ -183,8 +163,11 @@ class MeasuredTrack(SampledTrack):
     __repr__ = __str__
 
 
-def _check(record: MeasuredRecord) -> None:
+def _mended(record: MeasuredRecord, bridge: float | None) -> MeasuredRecord:
+    """The record, checked, with holes and spikes bridged if that is asked for; its notes name them."""
     name, count = record.name, record.distance.size
+    if bridge is not None and not (np.isfinite(bridge) and bridge > 0.0):
+        raise InputError(f"{name}: bridge must be a positive number of metres, not {bridge!r}")
     for entry in dataclasses.fields(record)[:4]:
         key, values = entry.name, getattr(record, entry.name)
         if values is None:
@@ -192,7 +175,7 @@ def _check(record: MeasuredRecord) -> None:
         if values.shape != (count,):
             raise InputError(f"{name}: {key} must hold one number for each of the {count} distances, not shape {values.shape}")
         bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
+        if bad.size and not (bridge is not None and key == "alignment"):
             raise InputError(f"{name}: {key} of sample {bad[0] + 1} is {values[bad[0]]}; cut such samples out of the record")
     if count < FEWEST:
         raise InputError(f"{name}: {count} samples are too few to make a track; it takes {FEWEST}")
@@ -202,11 +185,30 @@ def _check(record: MeasuredRecord) -> None:
         raise InputError(
             f"{name}: distance does not increase from sample {falls[0] + 1} ({record.distance[falls[0]]:g} m) to the next"
         )
-    widest = int(np.argmax(steps))
-    if steps[widest] > max(10.0 * np.median(steps), SHORTEST):
+    widest, usual = int(np.argmax(steps)), float(np.median(steps))
+    if steps[widest] > max(10.0 * usual, SHORTEST) and not (bridge is not None and steps[widest] <= bridge):
         raise InputError(f"{name}: a gap of {steps[widest]:g} m after {record.distance[widest]:g} m; cut the record there")
+    notes = []
+    if steps[widest] > 3.0 * usual:
+        gaps = int(np.sum(steps > 3.0 * usual))
+        notes.append(
+            f"distance: {gaps} gap(s), the widest of {steps[widest]:g} m after {record.distance[widest]:g} m, splined over"
+        )
+    alone = spikes(record.alignment)
+    if alone.any():
+        where = ", ".join(f"{d:g}" for d in record.distance[alone][:5]) + (" m and on" if alone.sum() > 5 else " m")
+        verb = "bridged" if bridge is not None else "kept (bridge takes them out)"
+        notes.append(f"alignment: {int(alone.sum())} spike(s) of a single sample {verb}, at {where}")
+    if bridge is not None:
+        lacking = ~np.isfinite(record.alignment)
+        _, holes = bridged(record.distance, record.alignment, lacking, bridge, name, "alignment")
+        values, _ = bridged(record.distance, record.alignment, lacking | alone, np.inf, name, "alignment")
+        if holes:
+            notes.append(f"alignment: {holes} hole(s) bridged, the first at {record.distance[int(np.argmax(lacking))]:g} m")
+        record = dataclasses.replace(record, alignment=values)
     if np.ptp(record.alignment) == 0.0:
         raise InputError(f"{name}: the alignment never changes; for straight track there is TangentTrack")
+    return dataclasses.replace(record, notes=(*record.notes, *notes))
 
 
 def _even(record: MeasuredRecord) -> tuple[Float[np.ndarray, "points"], float]:

@@ -5,7 +5,8 @@ import functools
 import jax.numpy as jnp
 import numpy as np
 
-from .comfort import Comfort, comfort
+from .comfort import comfort
+from .comfort_result import Comfort
 from .dampers import Damper, PassiveDamper
 from .errors import NumericalError
 from .frequency import frequency_response

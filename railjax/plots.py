@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .comfort import Comfort
+    from .comfort_result import Comfort
     from .limit_cycles import Branch
     from .modes import RootLocus
     from .ramp import Ramp

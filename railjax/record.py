@@ -1,28 +1,40 @@
-"""Test records of dampers: a CSV file with motion, command and force, read and checked; every fault is one line."""
+"""Test records of dampers: a file with motion, command and force, read and checked; every fault is one line."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from .csv_columns import Samples, read_columns
+from . import file_units
+from .csv_columns import TIME_NAMES, TIME_UNITS, Columns, Samples, read_columns
 from .errors import InputError
+from .stamps import BRIDGE, sampling
 
-#: per quantity: the names by which a column is found without being told, and the factors of its units to SI
+#: per quantity: the names by which a column is found without being told, and the factors of its usual units to SI
 NAMES = {
-    "time": ("time", "t"),
-    "displacement": ("displacement", "x", "stroke"),
-    "velocity": ("velocity", "v", "speed"),
-    "command": ("command", "voltage", "current", "u"),
-    "force": ("force", "f"),
-}
+    "time": TIME_NAMES,
+    "displacement": ("displacement", "x", "stroke", "disp", "displ", "travel", "position"),
+    "velocity": ("velocity", "v", "speed", "vel"),
+    "command": (
+        "command", "voltage", "current", "u", "cmd", "volt", "volts", "i", "input", "control", "amps", "ampere", "excitation",
+        "command voltage", "command current", "coil current", "coil voltage", "control voltage", "control current", "input voltage",
+        "input current", "voltage cmd", "cmd voltage",
+    ),
+    "force": ("force", "f", "load", "damper force", "damping force"),
+}  # fmt: skip
 UNITS = {
-    "time": {"s": 1.0, "ms": 1e-3},
+    "time": TIME_UNITS,
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 25.4e-3},
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": 25.4e-3},
     "command": {"V": 1.0, "mV": 1e-3, "A": 1.0, "mA": 1e-3},
     "force": {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605},
 }
+
+#: SI, the range of what dampers do: where no unit is said, numbers beyond it are in another one
+PLAUSIBLE = {"displacement": (1e-5, 0.3), "velocity": (1e-5, 4.0), "force": (5.0, 2e5)}
+
+#: what names the column of a quantity that the record lacks
+NONE = "none"
 
 #: samples below which thirteen parameters and a held-out part make no sense
 SHORTEST = 500
@@ -70,29 +82,64 @@ def read_record(
     columns: dict[str, str | None] | None = None,
     units: dict[str, str | None] | None = None,
     sample_rate: float | None = None,
+    bridge: float = BRIDGE,
 ) -> Record:
-    """Read a record from a CSV file with a header.
+    """Read a record from a file of numbers: any separator, decimal mark, encoding, with comments and a header or without.
 
-    `columns` names the column of "time", "displacement", "velocity", "command" and "force", `units` their units; what is not
-    named is looked up in the header, which may give units as in "force (kN)". Of displacement and velocity one is enough, and
-    the time column may be left out where `sample_rate` (Hz) is given. Without a command the record is taken as one at 0 V.
-    Negative commands count as zero, as the current driver has one polarity.
+    `columns` names the column (or gives its number, from 1) of "time", "displacement", "velocity", "command" and "force",
+    `units` their units, as `pint` writes them; what is not named is looked up in the header, which may give units as in "force
+    (kN)". Of displacement and velocity one is enough. `sample_rate` (Hz) has the last word over the time, which then may be
+    missing; stamps that jitter are resampled, and holes up to `bridge` s bridged. Without a command the record is taken as one
+    at 0 V; {"command": "none"} says so where other columns could be it. Negative commands count as zero, as the current
+    driver has one polarity.
 
     Raises `InputError` for a file that cannot be read, an unknown or missing column or unit, a cell that is no finite number,
-    time that does not increase or is uneven by more than half a sample, and units of displacement and velocity that disagree.
+    time that does not increase, longer holes, units of displacement and velocity that disagree, and numbers without a unit
+    that no damper reaches in SI.
     """
-    path = Path(path)
-    found, notes = read_columns(path, NAMES, UNITS, columns=columns, given=units, at_least=SHORTEST, purpose="identify a damper")
-    return _assemble(found, sample_rate, path, notes)
+    path, told = Path(path), dict(columns or {})
+    without = (told.get("command") or "").lower() == NONE
+    names = {kind: own for kind, own in NAMES.items() if not (without and kind == "command")}
+    if without:
+        told.pop("command")
+    given = {kind: unit for kind, unit in (units or {}).items() if kind in names or kind not in NAMES}
+    read = read_columns(
+        path,
+        names,
+        UNITS,
+        columns=told,
+        given=given,
+        at_least=SHORTEST,
+        purpose="identify a damper",
+        lenient=() if sample_rate is None else ("time",),
+    )
+    return _assemble(read, sample_rate, path, bridge, without)
 
 
-def _assemble(found: dict[str, Samples], sample_rate: float | None, path: Path, notes: list[str]) -> Record:
+def _assemble(read: Columns, sample_rate: float | None, path: Path, bridge: float, without_command: bool) -> Record:
+    found, notes = read.found, read.notes
     if "force" not in found:
-        raise InputError(f"{path}: no column of the force; name it with --force")
+        raise InputError(f"{path}: no column of the force; name it with --force; {read.there}")
     if "displacement" not in found and "velocity" not in found:
-        raise InputError(f"{path}: no column of displacement or velocity; name one with --displacement or --velocity")
-    dt = sampling_interval(found.get("time"), sample_rate, path)
+        raise InputError(
+            f"{path}: no column of displacement or velocity; name one with --displacement or --velocity; {read.there}"
+        )
+    grid = sampling(
+        found.pop("time", None), sample_rate, path, unit_assumed="time" in read.assumed, bridge=bridge, there=read.there
+    )
+    found, dt = {kind: grid.even(values) for kind, values in found.items()}, grid.dt
+    notes.extend(grid.notes)
+    for kind, (least, largest) in PLAUSIBLE.items():
+        reached = float(np.max(np.abs(found[kind]))) if kind in read.assumed else largest
+        if reached > largest or 0.0 < reached < least:
+            si, *others = UNITS[kind]
+            raise InputError(
+                f"{path}: a {kind} of {reached:.3g} {si} (column {read.assumed[kind]!r}, which says no unit) is none of a "
+                f"damper; give its unit, --{kind}-unit {others[0]} or another"
+            )
     x, v, command = found.get("displacement"), found.get("velocity"), found.get("command")
+    if command is None and not without_command:
+        _refuse_overlooked(read, path)
     if v is None:
         v = _smooth_derivative(x, dt)
         notes.append("velocity: derivative of the displacement (quadratics over 11 samples)")
@@ -106,7 +153,7 @@ def _assemble(found: dict[str, Samples], sample_rate: float | None, path: Path, 
                 f"{path}: the displacement changes {slope:.3g} times as fast as the velocity says; check --displacement-unit and --velocity-unit"
             )
     if command is None:
-        command = np.zeros_like(x)
+        command = np.zeros_like(found["force"])
         notes.append("command: none in the record, taken as 0 throughout")
     elif np.any(command < 0):
         notes.append("command: negative values count as 0 (assumed: the driver has one polarity)")
@@ -116,25 +163,20 @@ def _assemble(found: dict[str, Samples], sample_rate: float | None, path: Path, 
     return Record(x, v, np.maximum(command, 0.0), found["force"], dt, path.name, tuple(notes))
 
 
-def sampling_interval(time: Samples | None, sample_rate: float | None, path: Path, option: str = "--sample-rate") -> float:
-    """The sampling interval in s; a printed time may be rounded, so it need only lie within half a sample of an even one.
+def _refuse_overlooked(read: Columns, path: Path) -> None:
+    """Refuse a record whose command may be a column that is not known by name."""
+    left = [name for name in read.unused if name and not _says_other_unit(name)]
+    if left:
+        raise InputError(
+            f"{path}: no column of the command is known, and it may be {' or '.join(map(repr, left))}; name it with --command, "
+            f"or say --command {NONE}"
+        )
 
-    `option` is how the user gives `sample_rate` (Hz), for the messages.
-    """
-    if time is None:
-        if sample_rate is None:
-            raise InputError(f"{path}: no column of the time; name it 'time', or give {option} in Hz")
-        return 1.0 / sample_rate
-    falls = np.flatnonzero(np.diff(time) <= 0.0)
-    if falls.size:
-        raise InputError(f"{path}: time does not increase from sample {falls[0] + 1} ({time[falls[0]]:g} s) to the next")
-    dt = float(time[-1] - time[0]) / (len(time) - 1)
-    off = np.abs(time - time[0] - dt * np.arange(len(time)))
-    if np.max(off) > 0.5 * dt:
-        raise InputError(f"{path}: samples are not evenly spaced (near {time[np.argmax(off)]:g} s); resample the record first")
-    if sample_rate is not None and abs(dt * sample_rate - 1.0) > 0.01:
-        raise InputError(f"{path}: {option} {sample_rate:g} Hz, but the time column says {1.0 / dt:.6g} Hz")
-    return dt if sample_rate is None else 1.0 / sample_rate
+
+def _says_other_unit(name: str) -> bool:
+    """Whether a header's cell says a unit that no command has."""
+    units = [unit for _, unit, bracket in file_units.splits(name) if bracket]
+    return bool(units) and all(file_units.factor(unit, UNITS["command"]) is None for unit in units)
 
 
 def _smooth_derivative(values: Samples, dt: float) -> Samples:

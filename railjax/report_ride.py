@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .comfort import MEAN_SCALE
+from .comfort_result import MEAN_SCALE
 from .dampers import HARD, SOFT, Damper
-from .deflections import CARBODY_TO_FLOOR, FLOOR_POINTS
+from .deflections import CARBODY_TO_FLOOR, FLOOR_POINTS, is_one_stage
 from .frequency import Excitation, excitation, frequency_response
 from .motion import PASSIVE
 from .plots import COLOURS, figure, legend_above
@@ -39,8 +39,11 @@ SKYHOOK = (SOFT / 25e3, HARD / 25e3)
 _felt = jax.jit(functools.partial(weighted_rms, sampling_rate=RATE, name="Wd", settle=SETTLE))
 
 
-def _needs_carbody(subject: Subject) -> None:
-    if subject.vehicle.carbody.held:
+def _needs_carbody(subject: Subject, or_one_stage: bool = False) -> None:
+    vehicle = subject.vehicle
+    # one body on wheelsets is a vehicle, a bogie sprung to a held car body is none
+    whole = or_one_stage and is_one_stage(vehicle) and not np.any(vehicle.secondary.stiffness_y)
+    if vehicle.carbody.held and not whole:
         raise Absent("The car body is held in this model, so there is no ride to judge.")
 
 
@@ -58,7 +61,7 @@ def _speeds(subject: Subject, count: int) -> Float[np.ndarray, "count"]:
 
 def comfort_over_speed(subject: Subject) -> Part:
     """N_MV, Wz and weighted acceleration of the floor by linear theory."""
-    _needs_carbody(subject)
+    _needs_carbody(subject, or_one_stage=True)
     speeds = _speeds(subject, FINE)
     found = _theory(without_labels(subject.vehicle), jnp.asarray(speeds), excitation(spectrum(subject.spectrum)))
     rms, mean, sperling = (np.asarray(values) for values in found)

@@ -6,7 +6,7 @@ The variance of the alignment between two wavenumbers is the integral of S. A sp
 
 import dataclasses
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -18,6 +18,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .csv_columns import read_columns
 from .errors import InputError
+from .text_table import is_table
 from .typing import Number, Scalar
 from .vehicle import quantity, structure, table
 
@@ -119,18 +120,36 @@ class TableSpectrum:
         return cls(w, s)
 
     @classmethod
-    def from_csv(cls, path: str | Path) -> "TableSpectrum":
-        """A table from a CSV file with columns "wavenumber" (or "frequency", 1/m) and "density", units in the header.
+    def from_csv(
+        cls, path: str | Path, *, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
+    ) -> "TableSpectrum":
+        """A table from a file with columns "wavenumber" (or "frequency", 1/m) and "density"; units in the header, or as told.
+
+        `columns` names the columns (or gives their numbers, from 1), `units` their units.
 
         >>> TableSpectrum.from_csv("line.csv")  # wavenumber (rad/m),density (mm^2/(rad/m))  # doctest: +SKIP
         """
         path = Path(path)
-        found, _ = read_columns(path, NAMES, UNITS, purpose="make a spectrum", options=("{}", "the unit of {}"))
+        read = read_columns(
+            path,
+            NAMES,
+            UNITS,
+            columns=columns,
+            given=units,
+            purpose="make a spectrum",
+            options=("columns['{}']", "units['{}']"),
+        )
         for kind in NAMES:
-            if kind not in found:
-                raise InputError(f"{path}: no column of the {kind}; name it {' or '.join(NAMES[kind])} in the header")
+            if kind not in read.found:
+                raise InputError(
+                    f"{path}: no column of the {kind}; name it {' or '.join(NAMES[kind])} in the header; {read.there}"
+                )
+            if kind in read.assumed:
+                raise InputError(
+                    f"{path}: column {read.assumed[kind]!r} does not say its unit, as in '{kind} ({next(iter(UNITS[kind]))})'"
+                )
         try:
-            return cls.checked(found["wavenumber"], found["density"])
+            return cls.checked(read.found["wavenumber"], read.found["density"])
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
@@ -201,7 +220,7 @@ def spectrum(source: str | Path | Callable | Spectrum) -> Spectrum:
         return FormulaSpectrum(source)
     if str(source) in NAMED:
         return NAMED[str(source)]
-    if isinstance(source, Path) or str(source).lower().endswith(".csv"):
+    if isinstance(source, Path) or is_table(str(source)):
         return TableSpectrum.from_csv(source)
     near = difflib.get_close_matches(str(source), NAMED, n=1, cutoff=0.0)[0]
     raise InputError(f"no spectrum {source!r}; the nearest is {near!r} (known: {', '.join(NAMED)}, or a .csv file)")

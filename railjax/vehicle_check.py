@@ -86,8 +86,9 @@ def _values(vehicle: Vehicle) -> Iterator[Finding]:
         valve = getattr(vehicle, part)
         if valve is not None and valve.blow_off_velocity is not None:
             slopes = np.divide(valve.damping_beyond, valve.damping if damping is None else damping)
-            high = float(0.5 * valve.blow_off_velocity * np.sqrt(slopes))
-            why = "wider than half of v_0 sqrt(c_b/c), the smooth twin is another law"
+            # a valve that opens for good, c_b = 0, has no second slope to be lost
+            high = float(0.5 * valve.blow_off_velocity * np.sqrt(slopes or 1.0))
+            why = f"wider than half of v_0{' sqrt(c_b/c)' if slopes else ''}, the smooth twin is another law"
             yield Finding(f"{part}.blow_off_width", "rounding of the blow-off", valve.blow_off_width, 0.0, high, "m/s", why)
     if vehicle.bump_stop is not None:
         travel, force = vehicle.bump_stop.travel, vehicle.bump_stop.force

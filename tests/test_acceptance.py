@@ -471,6 +471,31 @@ def test_command_line_on_a_measured_track(capsys, tmp_path):
         assert "is 1299.5 m long" in capsys.readouterr().err
 
 
+def test_command_line_on_a_record(capsys, tmp_path):
+    t = np.arange(0, 70, 1 / 200.0)
+    body = 0.8 * np.sin(2 * np.pi * 1.5 * t) + 0.3 * np.sin(2 * np.pi * 4.1 * t)
+    force = 9.0 * np.sin(2 * np.pi * 2.0 * t)
+    path = tmp_path / "test.dat"
+    rows = "\n".join(
+        f"{a:.3f};{b:.5f};{c:.5f};{d:.4f}".replace(".", ",") for a, b, c, d in zip(t, body / 9.80665, body, force, strict=True)
+    )
+    path.write_text("time (s);carbody 1 (g);carbody 2 (m/s2);SumY 1 (kN)\n" + rows)
+    assert status(["acceptance", str(path), "--speed-kmh", "160", "--axle-load-n", "120000", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    record = railjax.RunningRecord(160 / 3.6, 200.0, 1e3 * force[:, None], None, np.stack([body, body], axis=1))
+    expected = railjax.acceptance_of_record(record, axle_load=120e3)
+    assert found["quantities"]["carbody_ride"]["value"] == pytest.approx(float(expected.findings["carbody_ride"].value), rel=1e-4)
+    assert found["quantities"]["guiding_force_sum"]["value"] == pytest.approx(
+        float(expected.findings["guiding_force_sum"].value), rel=1e-4
+    )
+    assert status(["acceptance", str(path), "--speed-kmh", "160"]) == 2
+    assert "axle_load is needed for the limits of guiding forces" in capsys.readouterr().err
+    assert status(["acceptance", str(path), "--speed-kmh", "160", "--track", "erri-low"]) == 2
+    assert "is the record of one run" in capsys.readouterr().err
+    assert status(["acceptance", "coach", "--fs", "200"]) == 2
+    assert "--fs is for the record of a test" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -157,6 +157,45 @@ def test_simulate_over_real_track(run, coach, tmp_path):
     np.testing.assert_allclose(content["reductions"]["peak:wheelset_y"], expected["peak:wheelset_y"], rtol=1e-9)
 
 
+def test_simulate_over_files_as_people_have_them(run, tmp_path, coach):
+    options = ["--speed-kmh", 180, "--duration-s", 1, "--record", "wheelset_y", "--json"]
+    s = 0.25 * np.arange(1601)
+    y = 3.0 * np.sin(2 * np.pi * s / 17.0)
+    path = tmp_path / "line.txt"
+    path.write_text(
+        "stan [km];posun [mm]\n" + "\n".join(f"{a:.5f};{b:.4f}".replace(".", ",") for a, b in zip(s / 1e3, y, strict=True))
+    )
+    refused(
+        run("simulate", "coach", "--track", path, *options), "no column of the distance", "separated by ';' with decimal commas"
+    )
+    named = ["--columns", "distance=stan,alignment=posun", "--longest-m", 60]
+    content = one_json_object(run("simulate", "coach", "--track", path, *named, *options)[1])
+    track = railjax.MeasuredTrack(s, 1e-3 * np.round(y, 4), longest=60.0)
+    expected = railjax.simulate(coach, 50.0, track=track, duration=1.0, reduce=["peak:wheelset_y"])
+    np.testing.assert_allclose(content["reductions"]["peak:wheelset_y"], expected["peak:wheelset_y"], rtol=1e-6)
+    restored = one_json_object(run("simulate", "coach", "--track", path, *named, "--chord-m", 10, *options)[1])
+    assert any("restored from versines over a chord of 10 m" in line for line in restored["assumed"])
+    psd = tmp_path / "psd.csv"
+    psd.write_text("frequency (1/m);PSD (mm^2/(1/m))\n0,005;400\n0,1;2\n1;0,003\n")
+    content = one_json_object(run("simulate", "coach", "--track", psd, "--track-seed", 3, *options)[1])
+    track = railjax.RandomTrack(railjax.spectrum(psd), seed=3)
+    expected = railjax.simulate(coach, 50.0, track=track, duration=1.0, reduce=["peak:wheelset_y"])
+    np.testing.assert_allclose(content["reductions"]["peak:wheelset_y"], expected["peak:wheelset_y"], rtol=1e-9)
+    refused(run("simulate", "coach", "--track", psd, "--chord-m", 10), "holds a spectrum, --chord-m is for a measured track")
+    refused(run("simulate", "coach", "--track", "erri-high", "--chord-m", 10), "--chord-m is for a track's file")
+    refused(run("simulate", "coach", "--track", path, *named, "--track-seed", 1), "--track-seed is for a random track")
+
+
+def test_the_package_runs_as_a_module(monkeypatch, capsys):
+    import runpy
+
+    monkeypatch.setattr("sys.argv", ["railjax", "vehicles", "--help"])
+    with pytest.raises(SystemExit) as end:
+        runpy.run_module("railjax", run_name="__main__")
+    assert not end.value.code
+    assert "railjax vehicles" in capsys.readouterr().out
+
+
 def test_simulate_writes_csv(run, tmp_path, coach):
     out = tmp_path / "run.csv"
     assert run(*SHORT, "--record", "carbody_y,wheelset_y", "--out", out)[0] == 0

@@ -262,6 +262,52 @@ def test_fewer_blocks_than_a_full_test_are_noted():
         jax.jit(lambda a: railjax.comfort(a, RATE).rms)(GOOD)
 
 
+# indices of several directions and of the quasi-static part
+
+
+def test_a_vector_sum_and_standing_and_seated_comfort():
+    t = np.arange(0, 110, 1 / RATE)
+    records = {
+        name: amplitude * np.sin(2 * np.pi * 5.0 * t)
+        for name, amplitude in (("longitudinal", 0.2), ("lateral", 0.5), ("vertical", 0.7), ("seat lateral", 0.6), ("seat vertical", 0.4), ("backrest longitudinal", 0.3))
+    }  # fmt: skip
+    found = railjax.comfort(records, RATE)
+    assert found.weightings["backrest longitudinal"] == "Wc"
+    x, y, z, seat_y, seat_z, back = (found.percentile[name] for name in records)
+    # of a stationary sine all percentiles are one
+    np.testing.assert_allclose(found.indices["a_v"], np.sqrt(x**2 + y**2 + z**2), rtol=2e-3)
+    np.testing.assert_allclose(found.indices["N_VD"], 3 * np.sqrt(16 * x**2 + 4 * y**2 + z**2) + 5 * y, rtol=2e-3)
+    np.testing.assert_allclose(found.indices["N_VA"], 4 * z + 2 * np.sqrt(seat_y**2 + seat_z**2) + 4 * back, rtol=1e-9)
+    np.testing.assert_allclose(found.mean, 6 * np.sqrt(x**2 + y**2 + z**2), rtol=1e-9)
+    assert "N_VA (EN 12299)" in str(found)
+    del records["seat vertical"]
+    fewer = railjax.comfort(records, RATE, weightings={"vertical": "Wk"})
+    assert "N_VA" not in fewer.indices
+    assert "N_VA: not formed, as seat vertical is not in the record" in fewer.notes
+    assert "(Wd, Wd, Wk)" in str(fewer)
+
+
+def test_discrete_events_and_transition_curves():
+    t = np.arange(0, 60, 1 / RATE)
+    # a transition of 4 s to 0.9 m/s^2 with the body rolling at 0.03 rad/s, and noise to be judged
+    ramp = 0.9 * np.clip((t - 20.0) / 4.0, 0.0, 1.0)
+    roll = np.where((t > 20.0) & (t < 24.0), 0.03, 0.0)
+    noise = 1e-3 * np.random.default_rng(0).normal(size=t.size)
+    found = railjax.comfort({"lateral": ramp + noise, "roll rate": roll}, RATE, mean=False, transitions=[(20.0, 24.0)])
+    for who, (a, b, c, d, e) in (("standing", (28.54, 20.69, 11.1, 3.64, 2.283)), ("seated", (8.97, 9.68, 5.9, 0.916, 1.626))):
+        expected = max(a * 0.9 + b * 0.9 / 4.0 - c, 0.0) + 100.0 * (d * 0.03) ** e
+        np.testing.assert_allclose(found.curves[who], [expected], rtol=0.01)
+    # in 2 s the acceleration changes by 0.45 with the mean near its end
+    np.testing.assert_allclose(found.events["standing"], 0.0, atol=1e-9)
+    step = railjax.comfort(np.where(t > 30.0, 1.5, -1.5) + noise, RATE, mean=False).events
+    # nearly all of the jump is in the window before it is half over, and the low-pass takes 0.2 s
+    assert 0.85 < step["standing"] / (16.62 * 3.0 + 27.01 * 1.5 - 37.0) < 1.0
+    bare = railjax.comfort(ramp + noise, RATE, mean=False, transitions=[(20.0, 24.0)])
+    assert "P_CT: without its part of the roll rate, which is not in the record" in bare.notes
+    with pytest.raises(railjax.InputError, match="transitions are for a record of the lateral"):
+        railjax.comfort({"vertical": ramp + noise}, RATE, mean=False, transitions=[(20.0, 24.0)])
+
+
 @pytest.fixture
 def command(capsys):
     def call(*arguments):
@@ -302,7 +348,11 @@ def test_command_line_on_a_record(command, ride):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--fs", "100"], "--fs 100 Hz, but the time column says 200 Hz"),
+        (["--weighting", "vertical=Wq"], "--weighting vertical=Wq: Wq is none of Wk, Wd"),
+        (["--weighting", "Wk"], "--weighting 'Wk': write direction=name"),
+        (["--transition", "3"], "--transition '3': write its start and end"),
+        (["--transition", "30,500"], "must rise and lie within the record's 110 s"),
+        (["--track", "erri-high"], "--track is for a vehicle on a track, not for the record"),
         (["--columns", "lateral=Aq"], "no column 'Aq' for --columns lateral="),
         (["--columns", "Ay"], "--columns 'Ay': write direction=name"),
         (["--unit", "ft"], "--unit must be one of m/s2"),
@@ -324,7 +374,7 @@ def test_command_line_refuses_in_one_line(command, ride, options, message):
         ("y\n1\n2\n3\n", ["--fs", "200"], "are too few"),
         ("y\n1\n2\n3\n", [], "give --fs in Hz"),
         ("q\n1\n2\n3\n", ["--fs", "200"], "no column of an acceleration; name it, as in --columns lateral=NAME"),
-        ("y (ft/s2)\n1\n2\n3\n", ["--fs", "200"], "or --unit"),
+        ("y (stone)\n1\n2\n3\n", ["--fs", "200"], "or --unit"),
     ],
 )
 def test_command_line_refuses_bad_files(command, tmp_path, content, options, message):
@@ -334,6 +384,55 @@ def test_command_line_refuses_bad_files(command, tmp_path, content, options, mes
     assert (code, out) == (2, "")
     assert message in error
     assert len(error.splitlines()) == 1
+
+
+def test_command_line_takes_files_by_any_name_and_other_weightings(command, ride, tmp_path):
+    text = ride.read_text().replace(",", ";").replace(".", ",")
+    (tmp_path / "ride.txt").write_text(text, encoding="utf-16")
+    options = ["--columns", "lateral=Ay,vertical=up", "--unit", "vertical=g", "--no-mean-comfort", "--json"]
+    expected = json.loads(command(ride, *options)[1])
+    found = json.loads(command(tmp_path / "ride.txt", *options)[1])
+    assert found["directions"]["vertical"]["rms_m_per_s2"] == expected["directions"]["vertical"]["rms_m_per_s2"]
+    other = json.loads(command(ride, *options, "--weighting", "vertical=Wk")[1])
+    assert other["directions"]["vertical"]["weighting"] == "Wk"
+    assert other["directions"]["vertical"]["rms_m_per_s2"] != expected["directions"]["vertical"]["rms_m_per_s2"]
+    np.testing.assert_allclose(
+        other["indices"]["a_v"], np.hypot(*(part["rms_m_per_s2"] for part in other["directions"].values())), rtol=1e-9
+    )
+    slow = json.loads(command(ride, *options, "--fs", 100)[1])
+    assert slow["sampling_rate_hz"] == 100
+    assert any("--fs 100 Hz as told, though the time column says 200 Hz" in note for note in slow["notes"])
+
+
+def test_command_line_on_a_wagon_of_one_stage(command, tmp_path):
+    """Its only "bogie" is its body."""
+    text = """base = "cooperrider-bogie"
+name = "wagon"
+[bogie]
+mass_t = 12
+yaw_inertia_tm2 = 90
+[secondary]
+stiffness_x_N_per_m = 0
+stiffness_y_N_per_m = 0
+stiffness_z_N_per_m = 0
+damping_y_Ns_per_m = 0
+damping_z_Ns_per_m = 0
+[geometry]
+half_wheelbase_m = 4.5
+"""
+    (tmp_path / "wagon.toml").write_text(text)
+    options = ["--speed-kmh", 60, "--duration-s", 12, "--no-mean-comfort", "--json"]
+    code, out, error = command(tmp_path / "wagon.toml", *options)
+    assert (code, error) == (0, "")
+    found = json.loads(out)
+    assert len(found["directions"]["lateral"]["rms_m_per_s2"]) == 3
+    assert any("of the only body, over its outer axles" in note for note in found["notes"])
+    wagon = railjax.load_vehicle(tmp_path / "wagon.toml")
+    names = ["floor_acceleration", "bogie_y_acceleration", "bogie_psi_acceleration", "bogie_phi_acceleration"]
+    run = railjax.simulate(wagon, 16.0, track=railjax.SinusoidTrack(2e-3, 20.0), duration=1.0, sample=0.01, record=names)
+    y, psi, phi = (np.asarray(run[name])[:, 0] for name in names[1:])
+    for k, along in enumerate((4.5, 0.0, -4.5)):
+        np.testing.assert_allclose(run["floor_acceleration"][:, k], y + 0.6 * phi + along * psi, rtol=1e-9, atol=1e-12)
 
 
 def test_command_line_on_a_vehicle(command):

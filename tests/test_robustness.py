@@ -153,10 +153,10 @@ def record(columns, rows=600):
 
 
 def comfort_reader(path):
-    from railjax.cli_comfort import _read
+    from railjax.rides import read_ride
 
-    records, rate, _ = _read(path, None, None, None)
-    return [*records.values(), rate]
+    ride = read_ride(path)
+    return [*ride.values.values(), ride.rate]
 
 
 def damper_reader(path):

@@ -198,6 +198,12 @@ def test_doubtful_values_are_told_with_range_and_reason(tmp_path, text, key, pie
         assert piece in told
 
 
+def test_a_yaw_damper_that_opens_for_good_passes(tmp_path):
+    text = 'base = "coach"\n[yaw_damper]\nhalf_distance_m = 1.3\ndamping_kNs_per_m = 300\nblow_off_velocity_mm_per_s = 10\ndamping_beyond_kNs_per_m = 0\n'
+    found = railjax.check_vehicle(railjax.load_vehicle(written(tmp_path, text)), dynamics=False)
+    assert not [entry for entry in found.warnings if entry.key.startswith("yaw_damper")]
+
+
 def test_a_finding_tells_its_range():
     high = Finding("a.b", "what", 1200.0, -math.inf, 0.0, "1/s", "why")
     assert high.doubtful
