@@ -39,10 +39,11 @@ HARD, SOFT = 50e3, 50e3 * 3.0 / 30.31
 
 
 class Seen(NamedTuple):
-    """What a controller may look at: all coordinates q and their rates q'."""
+    """What a controller may look at: all coordinates q, their rates q', and the states that series yaw dampers have of their own."""
 
     coordinates: Groups  # m, rad
     rates: Groups  # m/s, rad/s
+    yaw_dampers: Float[Array, "s n *lanes"] | None = None  # elongation of their dashpots, m
 
 
 @runtime_checkable

@@ -265,8 +265,8 @@ class MixedSkyhookADD(ADD):
 class ClippedLQR(ForceControlled):
     """Clipped optimal control: the force of a linear quadratic regulator with all states known, where dampers can give it.
 
-    Made with `ClippedLQR.design(vehicle, speed)`; `feedback` (n, 2N) is its gain, D = K [q, q'] per bogie's pair, N. It belongs
-    to that vehicle; at other speeds it is no longer optimal. What full knowledge could buy, not something to be built:
+    Made with `ClippedLQR.design(vehicle, speed)`; `feedback` (n, 2N) is its gain, D = K [q, q'] per bogie's pair, N; with yaw dampers in
+    series (n, 2N + n), as their elongations count. It belongs to that vehicle; at other speeds it is no longer optimal. What full knowledge could buy, not something to be built:
     a train does not measure its wheelsets' lateral positions. Signal: D, N.
     """
 
@@ -288,10 +288,13 @@ class ClippedLQR(ForceControlled):
         require_double_precision("ClippedLQR.design")
         n, bogies = size(vehicle), len(vehicle.geometry.bogie_pattern)
         whole = np.asarray(state_matrix(vehicle, speed, _Actuator()))
-        a, b = whole[: 2 * n, : 2 * n], whole[: 2 * n, 2 * n :]
+        # the actuators' states stand before those of the yaw dampers
+        inputs, rates = np.arange(2 * n, 2 * n + bogies), slice(n, 2 * n)
+        plant = np.delete(whole, inputs, axis=0)
+        a, b = np.delete(plant, inputs, axis=1), plant[:, inputs]
         travel, above = (np.asarray(rows) for rows in _outputs(vehicle, n))
-        acceleration, direct = above @ a[n:], above @ b[n:]
-        state = np.vstack([acceleration, np.hstack([travel_weight * travel, np.zeros((bogies, n))])])
+        acceleration, direct = above @ a[rates], above @ b[rates]
+        state = np.vstack([acceleration, np.hstack([travel_weight * travel, np.zeros((bogies, len(a) - n))])])
         through = np.vstack([direct, np.zeros((bogies, bogies))])
         try:
             cost = scipy.linalg.solve_continuous_are(
@@ -305,7 +308,8 @@ class ClippedLQR(ForceControlled):
 
     def measured(self, vehicle: Vehicle, travel: Bogies, seen: Seen) -> Bogies:
         """D = K x."""
-        x = jnp.concatenate(join(vehicle, seen.coordinates) + join(vehicle, seen.rates))
+        own = [] if seen.yaw_dampers is None else [*seen.yaw_dampers]
+        x = jnp.concatenate(join(vehicle, seen.coordinates) + join(vehicle, seen.rates) + own)
         feedback = jnp.asarray(self.feedback)
         # lanes of its own on the last axis, or none
         return jnp.sum(feedback.reshape(feedback.shape + (1,) * (x.ndim + 1 - feedback.ndim)) * x, axis=1)

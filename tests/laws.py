@@ -41,7 +41,7 @@ def instant(coach, damper, seed, size_of=1e-2, lanes=()):
         * np.repeat([1.0, 20.0], size(coach)).reshape((-1,) + (1,) * len(lanes))
     )
     seen = Seen(*(split(coach, jnp.asarray(part)) for part in np.split(x, 2)))
-    travel, velocity = (deflections(coach, part)["secondary_y"] for part in seen)
+    travel, velocity = (deflections(coach, part)["secondary_y"] for part in seen[:2])
     internal = size_of * rng.normal(size=(damper.internal_states, 2, *lanes))
     for index in damper.even_states:
         internal[index] = rng.uniform(size=internal[index].shape)

@@ -41,10 +41,8 @@ def driven(damper, motion, duration, steps):
     return np.asarray(jax.jit(lambda: jax.lax.scan(step, internal, jnp.arange(steps * 1.0))[1])())
 
 
-def independent(motion, velocity, duration, times, gain):
-    """Two dampers of eqs. (12)-(18) in NumPy, by SciPy; the force at some times, and the largest |z|."""
-    p = BoucWen()
-    s = COACH_FORCE
+def independent(motion, velocity, duration, times, gain, p=BoucWen(), s=COACH_FORCE):  # noqa: B008, frozen
+    """Two dampers of eqs. (12)-(18) in NumPy, by SciPy; the force at some times, and the largest |z|. Without gain always at 1 V."""
 
     def parts(t, state):
         y, z, u = state
@@ -57,8 +55,8 @@ def independent(motion, velocity, duration, times, gain):
         _, z, u = state
         x, v, y_rate, _ = parts(t, state)
         r = v - y_rate
-        z_rate = -p.gamma * abs(r) * abs(z) * z - p.beta * r * z**2 + p.A * r
-        command = min(gain * abs(x), 2.25) if x * v < 0 else 0.0
+        z_rate = -p.gamma * abs(r) * abs(z) ** (p.n - 1) * z - p.beta * r * abs(z) ** p.n + p.A * r
+        command = 1.0 if gain is None else min(gain * abs(x), 2.25) if x * v < 0 else 0.0
         return [y_rate, z_rate, p.eta * (command - u)]
 
     run = scipy.integrate.solve_ivp(
@@ -90,6 +88,19 @@ def test_bouc_wen_at_one_millisecond_is_the_stiff_solution(gain):
     smooth = dataclasses.replace(DAMPER, voltage_gain=gain, law="smooth", velocity_width=1e-3)
     error = driven(smooth, motion, duration, 50 * steps)[::50] - exact
     assert np.sqrt(np.mean(error**2) / np.mean(exact**2)) < 1e-2
+
+
+def test_bouc_wen_of_exponent_1():
+    """The published loop of a larger damper, its accumulator left out."""
+    p = BoucWen(44.0, 440.0, 85e3, 900.0, 1.0872e6, 4.9616e6, 14e3, 0.0, 0.0, 300.0, 300.0, 1.2, n=1.0)
+    wave = 2 * np.pi * 3.0
+    damper = dataclasses.replace(DAMPER, parameters=p, voltage_gain=0.0, voltage=1.0)
+    found = driven(damper, lambda t: 0.01 * jnp.sin(wave * t), 0.6, 600)
+    times = np.arange(600) * 1e-3
+    motion = lambda t: 0.01 * np.sin(wave * t)  # noqa: E731
+    always = lambda t: 0.01 * wave * np.cos(wave * t)  # noqa: E731
+    exact, _ = independent(motion, always, 0.6, times, None, p, 1.0)
+    assert np.sqrt(np.mean((found - exact) ** 2) / np.mean(exact**2)) < 1e-3
 
 
 def test_bouc_wen_force_in_the_coach_does_not_depend_on_the_step(coach):
