@@ -10,7 +10,7 @@ Eq. (12) is printed F = c_1 y + k_1 (x - x_0); the units and the source want c_1
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -207,6 +207,55 @@ def _riccati(a: Scalar, b: Scalar, z: Values, s: Values) -> Values:
     return (z + a * tau) / (1.0 + b * z * tau)
 
 
+class Motion(NamedTuple):
+    """Prescribed motion, as `march` takes it: arrays of as many samples; several stretches may lie one after another."""
+
+    x: Float[Array, "samples"]  # m
+    velocity: Float[Array, "samples"]  # m/s
+    command: Float[Array, "samples"]  # V
+    travel: Float[
+        Array, "samples 5"
+    ]  # of the velocity's integral until the next sample, over the time in samples, highest power first
+    begins: Int[Array, "samples"]  # number of the stretch that begins here, else -1
+
+
+def motion_of(
+    x: Float[Array, "samples"], velocity: Float[Array, "samples"], command: Float[Array, "samples"], stretch: int = 0
+) -> Motion:
+    """One stretch, the velocity between samples by the cubic through four of them."""
+    wide = jnp.pad(velocity, (1, 2), mode="edge")
+    before, here, after, later = (wide[k : k + len(velocity)] for k in range(4))
+    before, later = before.at[0].set(2.0 * here[0] - after[0]), later.at[-2].set(2.0 * after[-2] - here[-2])
+    cubic = (3.0 * (here - after) + later - before) / 6.0
+    square = 0.5 * (before + after) - here
+    slope = after - 0.5 * here - before / 3.0 - later / 6.0
+    travel = jnp.stack([cubic / 4.0, square / 3.0, slope / 2.0, here, jnp.zeros_like(here)], axis=1)
+    return Motion(x, velocity, command, travel, jnp.where(jnp.arange(len(x)) == 0, stretch, -1))
+
+
+def march(
+    parameters: BoucWen, motion: Motion, dt: Scalar, parts: int | Int[Array, ""], starts: Float[Array, "stretches 3 *lanes"]
+) -> Float[Array, "samples *lanes"]:
+    """Force in N over a motion sampled every dt seconds, each sample cut into `parts` steps; from x - y (m), z (m) and u (V) at the
+    first sample of each stretch. Reverse mode wants a Python int for `parts`."""
+    p = parameters
+
+    def sample(state: Float[Array, "3 *lanes"], now: Motion) -> tuple[Float[Array, "3 *lanes"], Values]:
+        path, z, u = jnp.where(now.begins < 0, state, starts[now.begins])
+        out = force(p, now.x, now.velocity, now.x - path, z, u)
+
+        def part(index: Any, inner: tuple[Values, Values]) -> tuple[Values, Values]:
+            path, z = inner
+            begin, end = (now.x + dt * jnp.polyval(now.travel, (index + k) / parts) for k in (0, 1))
+            y, z = step(p, begin, end, begin - path, z, lagged(p, u, now.command, (index + 0.5) / parts * dt), dt / parts)
+            return end - y, z
+
+        path, z = jax.lax.fori_loop(0, parts, part, (path, z))
+        return jnp.stack(jnp.broadcast_arrays(path, z, lagged(p, u, now.command, dt))), out
+
+    return jax.lax.scan(sample, jnp.zeros_like(starts[0]), motion)[1]
+
+
 def response(
     parameters: BoucWen,
     x: Float[Array, "samples"],
@@ -219,61 +268,28 @@ def response(
     """Force in N over a prescribed motion sampled every dt seconds; parameters may have lanes.
 
     `x` in m and `velocity` in m/s are the motion, `command` the voltage that the driver is told, held over each sample. Within a
-    sample the damper is moved by the integral of the velocity (cubics through four samples), not by the difference of x: a measured
-    x is the noisier. Each sample is cut into `parts` steps: `parts_needed` of them; reverse mode wants a Python int. `start`: x - y (m),
-    z (m) and u (V) at the first sample, 0 without.
+    sample the damper is moved by the integral of the velocity, not by the difference of x: a measured x is the noisier. Each sample is
+    cut into `parts` steps: `parts_needed` of them. `start`: x - y (m), z (m) and u (V) at the first sample, 0 without.
     """
-    p = parameters
-    lanes = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in jax.tree.leaves(p)))
-
-    def sample(state: Float[Array, "3 *lanes"], now: tuple) -> tuple[Float[Array, "3 *lanes"], Values]:
-        path, z, u = state
-        position, speed, told, travel = now
-        out = force(p, position, speed, position - path, z, u)
-
-        def part(index: Any, inner: tuple[Values, Values]) -> tuple[Values, Values]:
-            path, z = inner
-            begin, end = (position + dt * jnp.polyval(travel, (index + k) / parts) for k in (0, 1))
-            y, z = step(p, begin, end, begin - path, z, lagged(p, u, told, (index + 0.5) / parts * dt), dt / parts)
-            return end - y, z
-
-        path, z = jax.lax.fori_loop(0, parts, part, (path, z))
-        return jnp.stack(jnp.broadcast_arrays(path, z, lagged(p, u, told, dt))), out
-
-    first = jnp.zeros((3, *lanes)) if start is None else jnp.broadcast_to(start.reshape(3, *start.shape[1:]), (3, *lanes))
-    return jax.lax.scan(sample, first, (x, velocity, command, _travel(velocity)))[1]
+    lanes = jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in jax.tree.leaves(parameters)))
+    first = jnp.zeros((3, *lanes)) if start is None else start
+    return march(parameters, motion_of(x, velocity, command), dt, parts, first[None])
 
 
-def _travel(velocity: Float[Array, "samples"]) -> Float[Array, "samples 5"]:
-    """What the integral of the velocity is between a sample and the next, as a polynomial of the time in samples, highest power first."""
-    wide = jnp.pad(velocity, (1, 2), mode="edge")
-    before, here, after, later = (wide[k : k + len(velocity)] for k in range(4))
-    before, later = before.at[0].set(2.0 * here[0] - after[0]), later.at[-2].set(2.0 * after[-2] - here[-2])
-    cubic = (3.0 * (here - after) + later - before) / 6.0
-    square = 0.5 * (before + after) - here
-    slope = after - 0.5 * here - before / 3.0 - later / 6.0
-    return jnp.stack([cubic / 4.0, square / 3.0, slope / 2.0, here, jnp.zeros_like(here)], axis=1)
-
-
-_response = jax.jit(response)
+_march = jax.jit(march)
 
 #: parts of a sample beyond which a record is too coarse for its motion
 MOST_PARTS = 64
 
 
 def parts_needed(
-    parameters: BoucWen,
-    x: Float[Array, "samples"],
-    velocity: Float[Array, "samples"],
-    command: Float[Array, "samples"],
-    dt: Scalar,
-    tolerance: float = 1e-3,
+    parameters: BoucWen, motion: Motion, dt: Scalar, starts: Float[Array, "stretches 3"], tolerance: float = 1e-3
 ) -> int:
-    """Into how many parts `response` has to cut each sample of a known motion: doubled until the force would change by less than
+    """Into how many parts `march` has to cut each sample of a known motion: doubled until the force would change by less than
     `tolerance` of its standard deviation (r.m.s.), at most 64."""
-    found, parts = _response(parameters, x, velocity, command, dt, jnp.asarray(1)), 1
+    found, parts = _march(parameters, motion, dt, jnp.asarray(1), starts), 1
     while parts < MOST_PARTS:
-        finer = _response(parameters, x, velocity, command, dt, jnp.asarray(2 * parts))
+        finer = _march(parameters, motion, dt, jnp.asarray(2 * parts), starts)
         # of second order: the error is 4/3 of the change
         if jnp.sqrt(jnp.mean((finer - found) ** 2)) < 0.75 * tolerance * jnp.std(finer):
             break

@@ -146,7 +146,7 @@ def test_a_response_is_cut_as_fine_as_its_own_error_asks(dt, parts, n):
     expected = reference(p, time, 1.5, 4.1)
     start = jnp.array([x[0], 0.0, 1.5])  # y = z = 0
     command = jnp.full(len(time), 1.5)
-    assert bouc_wen.parts_needed(p, x, v, command, dt) == parts
+    assert bouc_wen.parts_needed(p, bouc_wen.motion_of(x, v, command), dt, start[None]) == parts
     assert error(bouc_wen.response(p, x, v, command, dt, parts, start), expected) < 1e-3
     assert error(bouc_wen.response(p, x, v, command, dt, 1, start), expected) > 1e-3
 

@@ -89,7 +89,7 @@ def spoilt(key, sample, value):
         (
             motion(),
             {"units": {"displacement": "mm"}},
-            r"changes 0.000999 times as fast as the velocity says; check --displacement-unit",
+            r"changes 0.001 times as fast as the velocity says; check --displacement-unit",
         ),
         (motion(), {"sample_rate": 500.0}, "--sample-rate 500 Hz, but the time column says 1000 Hz"),
         ({k: v for k, v in motion().items() if k != "F"}, {}, "no column of the force; name it with --force"),
