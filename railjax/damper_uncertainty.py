@@ -25,7 +25,7 @@ LOOSE = 0.25
 LINEAR = ("offset force", "inertia", "velocity offset")
 
 #: where an unknown is held for its profile, in its own standard errors by the data alone (or widths of the prior, if these are less)
-RAYS = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)
+RAYS = (-2.0, -1.0, 1.0, 2.0)
 
 
 class Noise(NamedTuple):
@@ -33,6 +33,11 @@ class Noise(NamedTuple):
 
     deviation: float
     independent: float  # samples that tell as much as all of the correlated ones
+
+    @property
+    def unit(self) -> float:
+        """What counts as one residual: squares in these units add up to twice the logarithm of a likelihood."""
+        return float(self.deviation / np.sqrt(self.independent))
 
 
 @dataclass(frozen=True)
@@ -61,8 +66,7 @@ def noise_of(residual: Samples) -> Noise:
 
 def weigh_prior(problem: Problem, noise: Noise, widths: float = 1.0) -> Problem:
     """The prior as weak beside data of this noise as its width (times `widths`) says."""
-    weight = noise.deviation / (WIDTH * widths * np.sqrt(noise.independent))
-    return problem._replace(prior=jnp.full_like(problem.prior, weight))
+    return problem._replace(prior=jnp.full_like(problem.prior, noise.unit / (WIDTH * widths)))
 
 
 @functools.partial(jax.jit, static_argnums=1)
@@ -96,18 +100,24 @@ def _physical(choice: Choice, scale: Scale, names: tuple[str, ...]) -> Callable[
 
 
 def covariances(problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns) -> tuple[Matrix, Matrix]:
-    """Of the unknowns, by the data alone and with the prior: H⁻¹ (Σ g_b g_bᵀ) H⁻¹ with the gradients g_b of blocks of the record, which
-    holds for residuals that are correlated within a block."""
+    """Of the unknowns, by the data alone and with the prior: H⁻¹ S H⁻¹, where S is Σ g_b g_bᵀ with the gradients g_b of blocks of the record,
+    which holds for residuals that are correlated within a block; in each direction at least what residuals of one size, correlated as
+    they are, make of it, as a few blocks may agree by chance."""
     jacobian, left = (np.asarray(part) for part in _slopes(problem, choice, scale, unknowns))
     counted = np.flatnonzero(np.asarray(problem.weight))
     blocks = np.array_split(counted, max(BLOCKS, 2 * len(unknowns)))
     gradients = np.array([jacobian[block].T @ left[block] for block in blocks])
     gradients = gradients - gradients.mean(axis=0)  # where the prior pulls they do not add up to 0
     few = len(gradients) / (len(gradients) - len(unknowns))
-    spread = few * gradients.T @ gradients
     own = jacobian[counted].T @ jacobian[counted]
     values, vectors = np.linalg.eigh(own)
-    inverse = vectors / np.maximum(values, 1e-14 * values[-1]) @ vectors.T
+    values = np.maximum(values, 1e-14 * values[-1])
+    inverse = vectors / values @ vectors.T
+    # in units of evenly large residuals, where their S is 1
+    white = vectors / np.sqrt(values) / noise_of(left[counted]).unit
+    sizes, axes = np.linalg.eigh(few * white.T @ (gradients.T @ gradients) @ white)
+    back = np.linalg.inv(white)
+    spread = back.T @ (axes * np.maximum(sizes, 1.0)) @ axes.T @ back
     weights = np.asarray(problem.prior) ** 2
     both = np.linalg.inv(own + np.diag(weights))
     return inverse @ spread @ inverse, both @ (spread + np.diag(weights**2 * WIDTH**2)) @ both
@@ -118,11 +128,11 @@ def uncertainty(
     choice: Choice,
     scale: Scale,
     unknowns: Unknowns,
-    minimise: Callable[[Problem, Array, Array, Array], tuple[Array, np.ndarray]],
+    minimise: Callable[[Problem, Array, Array, Array, float], tuple[Array, np.ndarray]],
     coarse: Problem,
 ) -> Uncertainty:
     """Standard errors and correlations of the parameters. What the data hardly determine is followed along its likelihood, on the
-    record `coarse`, by `minimise(problem, starts, priors, centres)`."""
+    record `coarse`, by `minimise(problem, starts, priors, centres, unit)`."""
     names = names_of(choice, decode(choice, scale, unknowns).damper)
     physical = _physical(choice, scale, names)
     slopes = np.asarray(jax.jit(jax.jacfwd(physical))(unknowns))
@@ -137,7 +147,7 @@ def uncertainty(
     loose = np.any(np.abs(slopes[:, hanging]) * own[hanging] > 0.5 * errors[:, None], axis=1)
     intervals = {}
     if np.any(loose):
-        low, high = _profiles(coarse, choice, scale, unknowns, own, hanging, physical, minimise)
+        low, high = _profiles(coarse, choice, scale, unknowns, data, hanging, physical, minimise)
         for index in np.flatnonzero(loose):
             intervals[names[index]] = float(low[index]), float(high[index])
             reach = max(high[index] - values[index], values[index] - low[index])
@@ -150,7 +160,7 @@ def _profiles(
     choice: Choice,
     scale: Scale,
     best: Unknowns,
-    own: Samples,
+    data: Matrix,
     hanging: np.ndarray,
     physical: Callable,
     minimise: Callable,
@@ -162,16 +172,18 @@ def _profiles(
     starts, priors, centres = [best], [problem.prior], [problem.centre]
     for index in hanging:
         for ray in RAYS:
-            start = best.at[index].add(ray * min(own[index], WIDTH))
+            own = np.sqrt(data[index, index])
+            # the others go with it as their covariance says, within what the prior thinks likely
+            start = best + ray * min(own, WIDTH) * np.clip(data[index] / own**2, -1.0, 1.0)
             starts.append(start)
             priors.append(problem.prior.at[index].set(held))
             centres.append(problem.centre.at[index].set(start[index]))
-    ends, costs = minimise(problem, jnp.stack(starts), jnp.stack(priors), jnp.stack(centres))
-    deviance = np.maximum(costs - np.min(costs), 0.0) * noise.independent / noise.deviation**2
+    ends, costs = minimise(problem, jnp.stack(starts), jnp.stack(priors), jnp.stack(centres), noise.unit)
+    deviance = np.maximum(costs - np.min(costs), 0.0) / noise.unit**2
     reached = np.asarray(jax.jit(jax.vmap(physical))(ends))
     low, high = reached[0].copy(), reached[0].copy()
     for first in range(1, len(ends), len(RAYS)):
-        for side in ((2, 1, 0), (3, 4, 5)):
+        for side in ((1, 0), (2, 3)):
             along = [0, *(first + np.array(side))]
             roots, places = np.sqrt(deviance[along]), reached[along]
             for k in range(1, len(along)):

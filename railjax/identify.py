@@ -35,6 +35,7 @@ from .identification import Evolution, Identification
 from .precision import require_double_precision
 from .record import Record, acceleration, joined
 from .record_repair import JOLT, jolts, spans, without_offset
+from .typing import Number
 
 Mask = Bool[np.ndarray, "samples"]
 Method = Literal["levenberg-marquardt", "adam"]
@@ -95,7 +96,7 @@ def identify_damper(
     whole, counted = record.share(fit_share), _of_share(record, fitted, fit_share)
     thin = max(1, round(1e-3 / record.dt))
     coarse_counted = np.concatenate([counted[stretch][::thin] for stretch in whole.stretches])
-    coarse = _cut(problem_of(whole.every(thin), choice, coarse_counted), scale.reference, 1e-3)
+    coarse = _cut(problem_of(whole.every(thin), choice, coarse_counted), scale.reference, 1e-2)
     spread = 0.7 * np.random.default_rng(seed).standard_normal((starts, count))
     spread[0] = 0.0
     iterations = iterations or (30 if method == "levenberg-marquardt" else 300)
@@ -108,9 +109,9 @@ def identify_damper(
     for _ in range(2):
         # as the noise is known, so is the prior, and the error of the integrator that all samples together do not see
         noise = noise_of(residual_of(fine, choice, scale, best))
-        tolerance = np.clip(0.5 * noise.deviation / np.sqrt(noise.independent), 1e-5, 1e-3)
+        tolerance = np.clip(0.5 * noise.unit, 1e-5, 1e-3)
         fine = _cut(weigh_prior(fine, noise), decode(choice, scale, best).damper, tolerance)
-        best = _minimise("levenberg-marquardt", fine, choice, scale, best[None], POLISH)[0][0]
+        best = _minimise("levenberg-marquardt", fine, choice, scale, best[None], POLISH, noise.unit)[0][0]
     seconds = time.perf_counter() - began
 
     # each iteration simulates the record and its tangents; a polishing one is `thin` times as long
@@ -185,11 +186,13 @@ def _together(choice: Choice, scale: Scale, lanes: int) -> Callable[..., tuple[A
     """Levenberg-Marquardt from many starts, each with its prior: the ends, and the squared error of the data alone. As many at once as the
     batch of `identify_damper`, whose program is taken again."""
 
-    def minimise(problem: Problem, starts: Array, priors: Array, centres: Array) -> tuple[Array, Float[np.ndarray, "starts"]]:
+    def minimise(
+        problem: Problem, starts: Array, priors: Array, centres: Array, unit: float
+    ) -> tuple[Array, Float[np.ndarray, "starts"]]:
         ends, costs = [], []
         for first in range(0, len(starts), lanes):
             index = jnp.minimum(first + jnp.arange(lanes), len(starts) - 1)
-            there, _ = _levenberg_marquardt(problem, choice, scale, starts[index], priors[index], centres[index], 30)
+            there, _ = _levenberg_marquardt(problem, choice, scale, starts[index], priors[index], centres[index], unit, 30)
             ends.append(there)
         together = jnp.concatenate(ends)[: len(starts)]
         costs = [np.sum(residual_of(problem, choice, scale, end) ** 2) for end in together]
@@ -203,20 +206,27 @@ POLISH = 100
 
 
 def _minimise(
-    method: Method, problem: Problem, choice: Choice, scale: Scale, starts: Float[Array, "starts unknowns"], iterations: int
+    method: str,
+    problem: Problem,
+    choice: Choice,
+    scale: Scale,
+    starts: Float[Array, "starts unknowns"],
+    iterations: int,
+    unit: float = 1.0,
 ) -> tuple[Float[Array, "starts unknowns"], Float[np.ndarray, "starts"]]:
-    """Where each start leads, and its squared error there."""
+    """Where each start leads, and its squared error there. `unit` is that of `Noise` near the best, where it lets
+    Levenberg and Marquardt take whole steps; from afar these lead to dampers without a loop."""
     if method == "adam":
         ends, costs = _adam(problem, choice, scale, starts, iterations)
     else:
         priors, centres = (jnp.broadcast_to(leaf, starts.shape) for leaf in (problem.prior, problem.centre))
-        ends, costs = _levenberg_marquardt(problem, choice, scale, starts, priors, centres, iterations)
+        ends, costs = _levenberg_marquardt(problem, choice, scale, starts, priors, centres, unit, iterations)
     return ends, np.asarray(costs)
 
 
-@functools.partial(jax.jit, static_argnums=(1, 6))
+@functools.partial(jax.jit, static_argnums=(1, 7))
 def _levenberg_marquardt(
-    problem: Problem, choice: Choice, scale: Scale, starts: Array, priors: Array, centres: Array, iterations: int
+    problem: Problem, choice: Choice, scale: Scale, starts: Array, priors: Array, centres: Array, unit: Number, iterations: int
 ) -> tuple[Array, Array]:
     import optimistix
 
@@ -225,7 +235,7 @@ def _levenberg_marquardt(
     def one(start: Unknowns, prior: Unknowns, centre: Unknowns) -> tuple[Unknowns, Array]:
         force = _with_jacobian(problem._replace(prior=prior, centre=centre), choice, scale)
         found = optimistix.least_squares(
-            lambda q, _: force(q), solver, start, options={"jac": "fwd"}, max_steps=iterations, throw=False
+            lambda q, _: force(q) / unit, solver, start, options={"jac": "fwd"}, max_steps=iterations, throw=False
         )
         return found.value, jnp.sum(force(found.value) ** 2)
 
