@@ -62,6 +62,7 @@ class Identification:
     heldout_samples: Bool[np.ndarray, "samples"] = field(repr=False)
     stretches: tuple[float, ...] = (0.0,)  # m
     velocity_offset: float = 0.0  # m/s
+    parts: int = 1  # of each sample, in which it was simulated
     evolution: Evolution | None = None
 
     @property

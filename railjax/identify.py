@@ -146,6 +146,7 @@ def identify_damper(
         heldout_samples=held,
         stretches=tuple(np.asarray(guess.stretches).tolist()),
         velocity_offset=float(guess.offset),
+        parts=parts,
         evolution=rival,
     )
 
@@ -170,7 +171,7 @@ def _parts(record: Record, fit_share: float, settle: float, left_out: Mask) -> t
     return fitted & ~left_out, held & ~left_out
 
 
-def _of_share(record: Record, mask: Mask, share: float) -> Mask:
+def _of_share(record: Record, mask: Mask, share: float) -> Bool[np.ndarray, "first"]:
     """A mask of the samples that `Record.share` keeps."""
     return np.concatenate([mask[stretch][: int(share * (stretch.stop - stretch.start))] for stretch in record.stretches])
 

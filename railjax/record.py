@@ -135,7 +135,7 @@ def read_record(
 AFTER_RESTART = 100
 
 
-def _at_restarts(found: dict[str, Samples]) -> list[dict[str, Samples]]:
+def _at_restarts(found: dict[str, Samples]) -> list[dict[str, np.ndarray]]:
     """The columns in pieces, cut where the time begins anew."""
     time = found.get("time")
     if time is None:
