@@ -101,7 +101,10 @@ Unit = Annotated[str | None, typer.Option(help="Its unit; else as the header say
 
 @damper_app.command("identify")
 def damper_identify(
-    file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="Test record: motion, command and force.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE.csv...", help="Test records of one damper: motion, command and force; fitted as one."),
+    ],
     time: Column = None,
     displacement: Column = None,
     velocity: Column = None,
@@ -127,6 +130,9 @@ def damper_identify(
     starts: Annotated[int, typer.Option(help="Starts in one batch.")] = 4,
     fit_share: Annotated[float, typer.Option(help="Share of the record that is fitted; the rest is held out.")] = 0.7,
     settle_s: Annotated[float, typer.Option(help="Seconds at the start that are not scored.")] = 1.0,
+    leave_out_jolts: Annotated[
+        bool, typer.Option("--leave-out-jolts", help="Neither fit nor score where a rig runs into its stops.")
+    ] = False,
     evolution: Annotated[bool, typer.Option(help="Compare with differential evolution on the same budget.")] = True,
     seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
     out: Annotated[Path | None, out_option("fit and residual, drawn, or the result", *PICTURES)] = None,
@@ -160,15 +166,16 @@ def damper_identify(
         "command": command_unit,
         "force": force_unit,
     }
-    with working(f"identifying {file.name}"):
+    with working(f"identifying {', '.join(file.name for file in files)}"):
         found = identify_damper(
-            read_record(file, columns=columns, units=units, sample_rate=sample_rate, bridge=bridge_s),
+            [read_record(file, columns=columns, units=units, sample_rate=sample_rate, bridge=bridge_s) for file in files],
             voltage_law=voltage_law,
             inertia=inertia,
             method=method,
             starts=starts,
             fit_share=fit_share,
             settle=settle_s,
+            leave_out_jolts=leave_out_jolts,
             evolution=evolution,
             seed=seed,
         )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from . import bouc_wen
 from .bouc_wen import BoucWen
@@ -20,8 +20,11 @@ Unknowns = Float[Array, "unknowns"]
 Samples = Float[np.ndarray, "samples"]
 
 #: what one unknown at its scale costs, beside a cost of 1 per sample of residuals as large as the force: it only keeps those
-#: that the record does not determine from running away
-PRIOR = 1e-2
+#: that the record does not determine from running away, before the noise is known and `weigh_prior` can say how far they may go
+PRIOR = 1e-3
+
+#: standard deviation of the prior: positive quantities lie within a factor of e² of the scaled published damper's
+WIDTH = 2.0
 
 
 class Choice(NamedTuple):
@@ -30,16 +33,29 @@ class Choice(NamedTuple):
     saturating: bool  # of the voltage law
     inertia: bool
     commanded: bool  # the record's command varies
+    stretches: int = 1  # of the record, each with an unknown x - y at its start
+    drifting: bool = False  # the displacement is the integral of a velocity whose offset is unknown
 
 
 class Scale(NamedTuple):
-    """Where the unknowns are zero: a damper of about the record's size, and its highest voltage."""
+    """Where the unknowns are zero: a damper of about the record's size, and its highest voltage; the size of the motion."""
 
     reference: BoucWen
     top: Number
+    travel: Number  # m, r.m.s.
+    speed: Number  # m/s, r.m.s.
 
 
-def error_of(force: Samples, measured: Samples, part: slice) -> float:
+class Guess(NamedTuple):
+    """What a vector of unknowns says."""
+
+    damper: BoucWen
+    inertia: Scalar  # kg
+    stretches: Float[Array, "stretches"]  # x - y at the start of each, m
+    offset: Scalar  # of the velocity, m/s
+
+
+def error_of(force: Samples, measured: Samples, part: Bool[np.ndarray, "samples"] | slice) -> float:
     """rms(F_measured - F)/std(F_measured) over a part of the record."""
     return float(np.sqrt(np.mean((measured[part] - force[part]) ** 2)) / np.std(measured[part]))
 
@@ -50,7 +66,7 @@ def scale_of(record: Record) -> Scale:
     top = float(np.max(record.command)) or 2.25
     reference = bouc_wen.scaled(BoucWen(), force=forces, displacement=speeds)
     per_volt = {name: getattr(reference, name) * 2.25 / top for name in ("c0b", "c1b", "alpha_b")}
-    return Scale(dataclasses.replace(reference, **per_volt), top)
+    return Scale(dataclasses.replace(reference, **per_volt), top, float(np.std(record.displacement)), 0.1 * speeds)
 
 
 def unknown_names(choice: Choice) -> tuple[str, ...]:
@@ -59,13 +75,15 @@ def unknown_names(choice: Choice) -> tuple[str, ...]:
     positive += ["c0 at top", "c1 at top", "alpha at top", "eta"] if choice.commanded else []
     positive += ["saturation"] if choice.saturating else []
     signed = ["offset force", "(beta-gamma)/(beta+gamma)"] + (["inertia"] if choice.inertia else [])
-    return (*positive, *signed)
+    signed += ["velocity offset"] if choice.drifting else []
+    return (*positive, *signed, *(f"x - y at the start of stretch {index + 1}" for index in range(choice.stretches)))
 
 
-def decode(choice: Choice, scale: Scale, unknowns: Unknowns) -> tuple[BoucWen, Scalar]:
-    """The damper and the rig's inertia (kg) of a vector of unknowns, which is zero at the scaled published damper.
+def decode(choice: Choice, scale: Scale, unknowns: Unknowns) -> Guess:
+    """The damper, the rig's inertia and the rest of a vector of unknowns, which is zero at the scaled published damper.
 
-    Positive quantities are exponentials of their unknown, (β - γ)/(β + γ) is the tanh of its. The offset force is k_1 x_0; inertia counts in c_0a times 1 ms.
+    Positive quantities are exponentials of their unknown, (β - γ)/(β + γ) is the tanh of its. The offset force is k_1 x_0; inertia counts in c_0a
+    times 1 ms, x - y in the displacement's r.m.s., the velocity's offset in 1 % of its r.m.s.
     """
     r, names = scale.reference, unknown_names(choice)
     q = dict(zip(names, unknowns, strict=True))
@@ -88,45 +106,95 @@ def decode(choice: Choice, scale: Scale, unknowns: Unknowns) -> tuple[BoucWen, S
     changes |= {"beta": 0.5 * loop * (1.0 + shape), "gamma": 0.5 * loop * (1.0 - shape)}
     if choice.commanded:
         changes["eta"] = grown("eta", r.eta)
-    return dataclasses.replace(r, **changes), q["inertia"] * 1e-3 * r.c0a if choice.inertia else jnp.zeros(())
+    return Guess(
+        dataclasses.replace(r, **changes),
+        q["inertia"] * 1e-3 * r.c0a if choice.inertia else jnp.zeros(()),
+        unknowns[len(names) - choice.stretches :] * scale.travel,
+        q["velocity offset"] * 1e-2 * scale.speed if choice.drifting else jnp.zeros(()),
+    )
 
 
 class Problem(NamedTuple):
-    """A record as JAX sees it."""
+    """A record as JAX sees it, and what is thought of the unknowns beforehand."""
 
-    displacement: Array
-    velocity: Array
-    command: Array
+    motion: bouc_wen.Motion
+    time: Array  # s, from the start of each stretch
+    at_first: Array  # command at the start of each stretch, V
     force: Array
     acceleration: Array
     dt: Number
+    parts: Array  # of each sample, for the integrator
     weight: Array  # 1/(std √samples) where residuals count, else 0
+    prior: Array  # weight of each unknown's distance from `centre`
+    centre: Array
 
 
-def problem_of(record: Record, choice: Choice, first: int) -> Problem:
-    weight = np.zeros(len(record))
-    weight[first:] = 1.0 / ((np.std(record.force[first:]) or 1.0) * np.sqrt(len(record) - first))
+def problem_of(record: Record, choice: Choice, counted: Bool[np.ndarray, "samples"], parts: int = 1) -> Problem:
+    """`counted` are the samples whose residuals count; `parts` as `bouc_wen.parts_needed` says."""
+    number = np.sum(counted)
     rates = acceleration(record) if choice.inertia else np.zeros(len(record))
-    columns = (record.displacement, record.velocity, record.command, record.force, rates)
-    return Problem(*map(jnp.asarray, columns), record.dt, jnp.asarray(weight))
+    unknowns = len(unknown_names(choice))
+    return Problem(
+        motion=motion_of(record),
+        time=jnp.asarray(np.concatenate([np.arange(s.stop - s.start) * record.dt for s in record.stretches])),
+        at_first=jnp.asarray(record.command[list(record.begins)]),
+        force=jnp.asarray(record.force),
+        acceleration=jnp.asarray(rates),
+        dt=record.dt,
+        parts=jnp.asarray(parts),
+        weight=jnp.asarray(counted / ((np.std(record.force[counted]) or 1.0) * np.sqrt(number))),
+        prior=jnp.full(unknowns, PRIOR / np.sqrt(number)),
+        centre=jnp.zeros(unknowns),
+    )
 
 
-def simulated(problem: Problem, damper: BoucWen, mass: Scalar) -> Float[Array, "samples"]:
+def motion_of(record: Record) -> bouc_wen.Motion:
+    """The record's stretches one after the other."""
+    columns = (record.displacement, record.velocity, record.command)
+    pieces = [
+        bouc_wen.motion_of(*(jnp.asarray(values[stretch]) for values in columns), stretch=index)
+        for index, stretch in enumerate(record.stretches)
+    ]
+    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *pieces)
+
+
+def starts_of(stretches: Float[Array, "stretches"], at_first: Float[Array, "stretches"]) -> Float[Array, "stretches 3"]:
+    """x - y as given, z = 0, which is right within 0.1 mm of motion, and the driver settled at its first command."""
+    return jnp.stack([stretches, jnp.zeros_like(stretches), at_first], axis=1)
+
+
+def simulated(problem: Problem, guess: Guess) -> Float[Array, "samples"]:
     """F of eqs. (12)-(17) over the record's motion and the inertia force beside it, N."""
-    force = bouc_wen.response(damper, problem.displacement, problem.velocity, problem.command, problem.dt)
-    return force + mass * problem.acceleration
+    motion, offset = problem.motion, guess.offset
+    motion = motion._replace(
+        x=motion.x - offset * problem.time,
+        velocity=motion.velocity - offset,
+        travel=motion.travel - offset * jnp.array([0.0, 0.0, 0.0, 1.0, 0.0]),
+    )
+    starts = starts_of(guess.stretches, problem.at_first)
+    return bouc_wen.march(guess.damper, motion, problem.dt, problem.parts, starts) + guess.inertia * problem.acceleration
 
 
 _simulate_once = jax.jit(simulated)
 
 
-def as_measured(record: Record, damper: BoucWen, inertia: Scalar = 0.0) -> Samples:
-    """Force of a damper over a record's motion, N: also to score parameters found elsewhere."""
-    return np.asarray(_simulate_once(problem_of(record, Choice(False, True, True), 0), damper, inertia))
+def as_measured(
+    record: Record,
+    damper: BoucWen,
+    inertia: Scalar = 0.0,
+    stretches: Float[np.ndarray, "stretches"] | None = None,
+    offset: Scalar = 0.0,
+    parts: int = 1,
+) -> Samples:
+    """Force of a damper over a record's motion, N: also to score parameters found elsewhere. `stretches`: x - y at the start of each
+    stretch, 0 without; `offset` of the velocity."""
+    count = len(record.begins)
+    guess = Guess(damper, inertia, jnp.zeros(count) if stretches is None else jnp.asarray(stretches), offset)
+    problem = problem_of(record, Choice(False, True, True, count), np.ones(len(record), bool), parts)
+    return np.asarray(_simulate_once(problem, guess))
 
 
 def residuals(problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns) -> Float[Array, "residuals"]:
     """What is minimised: the squares add up to the squared error of the fitted part, and next to nothing for the prior."""
-    damper, mass = decode(choice, scale, unknowns)
-    error = (simulated(problem, damper, mass) - problem.force) * problem.weight
-    return jnp.concatenate([error, PRIOR * unknowns / jnp.sqrt(jnp.sum(problem.weight > 0))])
+    error = (simulated(problem, decode(choice, scale, unknowns)) - problem.force) * problem.weight
+    return jnp.concatenate([error, problem.prior * (unknowns - problem.centre)])

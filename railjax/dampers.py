@@ -13,6 +13,7 @@ It may have more, where the law needs it:
 * `held(vehicle, travel, velocity, internal, seen)`: the internal states as they go into the next step of a run. A sampled controller
   decides here and keeps its decision, an internal state of rate zero, through the four stages of RK4: a decision made within
   a stage would destroy the order. It is called at the start and after every step, and must not change what it gave itself;
+  `railjax.sampling` holds a decision over a sample time of the controller's own;
 * `extremes(vehicle)`: laws, linear at rest, that bound the rates of its motion where its own linearisation at rest does not;
 * `even_states`: indices of the internal states that have no side (a valve's opening, not a force), for limit cycles.
 """
@@ -39,10 +40,11 @@ HARD, SOFT = 50e3, 50e3 * 3.0 / 30.31
 
 
 class Seen(NamedTuple):
-    """What a controller may look at: all coordinates q and their rates q'."""
+    """What a controller may look at: all coordinates q, their rates q', and the states that series yaw dampers have of their own."""
 
     coordinates: Groups  # m, rad
     rates: Groups  # m/s, rad/s
+    yaw_dampers: Float[Array, "s n *lanes"] | None = None  # elongation of their dashpots, m
 
 
 @runtime_checkable
@@ -109,7 +111,9 @@ def check_damper(damper: object) -> None:
                 raise InputError(f"{key} must be finite, not {value}")
             if np.any(array < 0.0) and np.ndim(value) < 2 and not dataclasses.is_dataclass(value):
                 raise InputError(f"{key} must not be negative, not {value}")
-            if np.any(array == 0.0) and field.name.endswith(("_lag", "_width", "series_stiffness", "damping_beyond")):
+            if np.any(array == 0.0) and field.name.endswith(
+                ("_lag", "_width", "sample_time", "series_stiffness", "damping_beyond")
+            ):
                 raise InputError(f"{key} must be positive, not {value}")
 
 

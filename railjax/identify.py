@@ -2,15 +2,16 @@
 held-out part, standard errors; beside it the genetic approach that the paper suggests, on the same budget.
 """
 
+import dataclasses
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from . import bouc_wen
 from .bouc_wen import BoucWen
@@ -25,22 +26,24 @@ from .damper_fit import (
     problem_of,
     residuals,
     scale_of,
+    starts_of,
     unknown_names,
 )
+from .damper_uncertainty import BLOCKS, noise_of, residual_of, uncertainty, weigh_prior
 from .errors import InputError, NumericalError
 from .identification import Evolution, Identification
 from .precision import require_double_precision
-from .record import Record
+from .record import Record, acceleration, joined
+from .record_repair import JOLT, jolts, spans, without_offset
+from .typing import Number
 
+Mask = Bool[np.ndarray, "samples"]
 Method = Literal["levenberg-marquardt", "adam"]
 VoltageLaw = Literal["saturating", "linear"]
 
-#: residuals are correlated over tens of milliseconds; standard errors treat blocks of the record as independent, not samples
-BLOCKS = 60
-
 
 def identify_damper(
-    record: Record,
+    record: Record | Sequence[Record],
     *,
     voltage_law: VoltageLaw = "saturating",
     inertia: bool = True,
@@ -49,17 +52,23 @@ def identify_damper(
     iterations: int | None = None,
     fit_share: float = 0.7,
     settle: float = 1.0,
+    leave_out_jolts: bool = False,
     evolution: bool = False,
     seed: int = 0,
 ) -> Identification:
-    """Fit a modified Bouc-Wen damper (n = 2) to the first part of a record, the share `fit_share`, and score it on the rest.
+    """Fit a modified Bouc-Wen damper (n = 2) to the first part of a record, the share `fit_share`, and score it on the rest; of several
+    records, or of one whose time begins anew, to the first part of each stretch, as one fit.
 
     All `starts` are optimised in one batch on a record thinned to about 1 ms (the published parameters, scaled to the record's
     force and velocity, and random ones around them), the best goes on with the full record by Levenberg-Marquardt. `iterations` of the batch: 30 of
-    Levenberg-Marquardt by default, 300 of Adam. The first `settle` seconds are not scored, because the state at the start is
-    unknown. `voltage_law`: eqs. (15)-(17), or the same of u_s tanh(u/u_s). `inertia`: of the rig's moving parts, between damper
-    and load cell. `seed` is that
-    of all that is drawn. With `evolution`, differential evolution gets as many simulations, for comparison.
+    Levenberg-Marquardt by default, 300 of Adam. Samples are cut as finely as the integrator's own error asks. `voltage_law`: eqs.
+    (15)-(17), or the same of u_s tanh(u/u_s). `inertia`: of the rig's moving parts, between damper and load cell. `seed` is that of all that
+    is drawn. With `evolution`, differential evolution gets as many simulations, for comparison.
+
+    x - y at the start of each stretch, which takes 6 to 15 s to relax, is fitted; the first `settle` seconds of each are not scored, because z
+    and u are unknown at first. The velocity is given the mean that the displacement has; where the displacement is the velocity's integral,
+    the velocity's offset is fitted. Stretches with accelerations far beyond the usual, as of a rig in its stops, are named, and neither fitted
+    nor scored with `leave_out_jolts`.
 
     c_0, c_1 and α are fitted by their values at rest and at the highest voltage, which stay positive; so do k_0, k_1, β, γ, η
     and u_s. Raises `InputError` for a record too short or options out of range, `NumericalError` where no start leads anywhere.
@@ -69,18 +78,25 @@ def identify_damper(
         raise InputError(f"fit_share must lie between 0.1 and 0.95, not {fit_share:g}")
     if starts < 1:
         raise InputError(f"starts must be at least 1, not {starts}")
-    split, first = int(fit_share * len(record)), round(settle / record.dt)
-    if settle < 0 or split - first < 10 * BLOCKS or len(record) - split < BLOCKS:
+    record = without_offset(record if isinstance(record, Record) else joined(record))
+    jolted = jolts(record, acceleration(record))
+    record = _named(record, jolted, leave_out_jolts)
+    fitted, held = _parts(record, fit_share, settle, jolted if leave_out_jolts else np.zeros_like(jolted))
+    if settle < 0 or np.sum(fitted) < 10 * BLOCKS or np.sum(held) < BLOCKS:
         raise InputError(
             f"settle {settle:g} s and fit_share {fit_share:g} leave too little of a record of {record.time[-1]:.3g} s"
         )
     began = time.perf_counter()
-    choice = Choice(voltage_law == "saturating" and np.ptp(record.command) > 0, inertia, bool(np.ptp(record.command) > 0))
+    moved = bool(np.ptp(record.command) > 0)
+    choice = Choice(voltage_law == "saturating" and moved, inertia, moved, len(record.begins), record.integrated)
     scale = scale_of(record)
-    count = len(unknown_names(choice))
+    names = unknown_names(choice)
+    count = len(names)
 
+    whole, counted = record.share(fit_share), _of_share(record, fitted, fit_share)
     thin = max(1, round(1e-3 / record.dt))
-    coarse = problem_of(record.until(split).every(thin), choice, first // thin)
+    coarse_counted = np.concatenate([counted[stretch][::thin] for stretch in whole.stretches])
+    coarse = _cut(problem_of(whole.every(thin), choice, coarse_counted), scale.reference, 1e-2)
     spread = 0.7 * np.random.default_rng(seed).standard_normal((starts, count))
     spread[0] = 0.0
     iterations = iterations or (30 if method == "levenberg-marquardt" else 300)
@@ -88,28 +104,34 @@ def identify_damper(
     errors = np.sqrt(np.where(np.isfinite(costs), costs, np.inf))
     if not np.isfinite(errors.min()):
         raise NumericalError("no start of the identification led to a finite force; check the units of the record")
-    fine = problem_of(record.until(split), choice, first)
-    best, polishing = ends[np.argmin(errors)], 0
-    if thin > 1:
-        best, polishing = _minimise("levenberg-marquardt", fine, choice, scale, best[None], POLISH)[0][0], POLISH
+    best = ends[np.argmin(errors)]
+    fine = coarse if thin == 1 else problem_of(whole, choice, counted, int(coarse.parts))
+    for _ in range(2):
+        # as the noise is known, so is the prior, and the error of the integrator that all samples together do not see
+        noise = noise_of(residual_of(fine, choice, scale, best))
+        tolerance = np.clip(0.5 * noise.unit, 1e-5, 1e-3)
+        fine = _cut(weigh_prior(fine, noise), decode(choice, scale, best).damper, tolerance)
+        best = _minimise("levenberg-marquardt", fine, choice, scale, best[None], POLISH, noise.unit)[0][0]
     seconds = time.perf_counter() - began
 
     # each iteration simulates the record and its tangents; a polishing one is `thin` times as long
-    simulations = (starts * iterations + polishing * thin) * (count + 1)
-    names, standard, correlations = _uncertainty(fine, choice, scale, best)
-    damper, mass = decode(choice, scale, best)
-    force = as_measured(record, damper, mass)
-    fitted, held = slice(first, split), slice(split, None)
-    published = as_measured(record, BoucWen())
+    simulations = (starts * iterations + 2 * POLISH * thin) * (count + 1)
+    known = uncertainty(fine, choice, scale, best, _together(choice, scale, starts), coarse)
+    guess = decode(choice, scale, best)
+    parts = int(fine.parts)
+    force = as_measured(record, guess.damper, guess.inertia, np.asarray(guess.stretches), guess.offset, parts)
+    published = as_measured(record, BoucWen(), parts=parts)
     rival = None
     if evolution:
         rival = _evolve(coarse, choice, scale, simulations, record, fitted, held, seed)
     return Identification(
-        parameters=jax.tree.map(float, damper),
-        inertia=float(mass),
-        names=names,
-        standard_errors=dict(zip(names, standard.tolist(), strict=True)),
-        correlations=correlations,
+        parameters=jax.tree.map(float, guess.damper),
+        inertia=float(guess.inertia),
+        names=known.names,
+        standard_errors=dict(zip(known.names, known.data.tolist(), strict=True)),
+        posterior_errors=dict(zip(known.names, known.posterior.tolist(), strict=True)),
+        intervals=known.intervals,
+        correlations=known.correlations,
         fit_error=error_of(force, record.force, fitted),
         heldout_error=error_of(force, record.force, held),
         heldout_correlation=float(np.corrcoef(force[held], record.force[held])[0, 1]),
@@ -121,38 +143,104 @@ def identify_damper(
         record=record,
         force=force,
         fitted_samples=fitted,
+        heldout_samples=held,
+        stretches=tuple(np.asarray(guess.stretches).tolist()),
+        velocity_offset=float(guess.offset),
+        parts=parts,
         evolution=rival,
     )
 
 
-#: iterations on the full record, from where the batch ended
-POLISH = 12
+def _named(record: Record, jolted: Mask, left_out: bool) -> Record:
+    """The record with a note of its jolts."""
+    if not np.any(jolted):
+        return record
+    when = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in spans(record, jolted))
+    what = "left out" if left_out else "fitted and scored all the same; leave_out_jolts (--leave-out-jolts) leaves them out"
+    note = f"accelerations more than {JOLT:g} times the usual at {when}, as of a rig in its stops: {what}"
+    return dataclasses.replace(record, notes=(*record.notes, note))
+
+
+def _parts(record: Record, fit_share: float, settle: float, left_out: Mask) -> tuple[Mask, Mask]:
+    """Samples that are fitted, and those held out, of each stretch."""
+    fitted, held = np.zeros(len(record), bool), np.zeros(len(record), bool)
+    for stretch in record.stretches:
+        split = stretch.start + int(fit_share * (stretch.stop - stretch.start))
+        fitted[stretch.start + round(max(settle, 0.0) / record.dt) : split] = True
+        held[split : stretch.stop] = True
+    return fitted & ~left_out, held & ~left_out
+
+
+def _of_share(record: Record, mask: Mask, share: float) -> Bool[np.ndarray, "first"]:
+    """A mask of the samples that `Record.share` keeps."""
+    return np.concatenate([mask[stretch][: int(share * (stretch.stop - stretch.start))] for stretch in record.stretches])
+
+
+def _cut(problem: Problem, damper: BoucWen, tolerance: float) -> Problem:
+    """The problem with samples cut as finely as a damper's motion asks."""
+    starts = starts_of(jnp.zeros_like(problem.at_first), problem.at_first)
+    parts = bouc_wen.parts_needed(damper, problem.motion, problem.dt, starts, tolerance)
+    return problem._replace(parts=jnp.asarray(parts))
+
+
+def _together(choice: Choice, scale: Scale, lanes: int) -> Callable[..., tuple[Array, Float[np.ndarray, "starts"]]]:
+    """Levenberg-Marquardt from many starts, each with its prior: the ends, and the squared error of the data alone. As many at once as the
+    batch of `identify_damper`, whose program is taken again."""
+
+    def minimise(
+        problem: Problem, starts: Array, priors: Array, centres: Array, unit: float
+    ) -> tuple[Array, Float[np.ndarray, "starts"]]:
+        ends, costs = [], []
+        for first in range(0, len(starts), lanes):
+            index = jnp.minimum(first + jnp.arange(lanes), len(starts) - 1)
+            there, _ = _levenberg_marquardt(problem, choice, scale, starts[index], priors[index], centres[index], unit, 30)
+            ends.append(there)
+        together = jnp.concatenate(ends)[: len(starts)]
+        costs = [np.sum(residual_of(problem, choice, scale, end) ** 2) for end in together]
+        return together, np.array(costs)
+
+    return minimise
+
+
+#: iterations at most on the full record, from where the batch ended
+POLISH = 100
 
 
 def _minimise(
-    method: Method, problem: Problem, choice: Choice, scale: Scale, starts: Float[Array, "starts unknowns"], iterations: int
+    method: str,
+    problem: Problem,
+    choice: Choice,
+    scale: Scale,
+    starts: Float[Array, "starts unknowns"],
+    iterations: int,
+    unit: float = 1.0,
 ) -> tuple[Float[Array, "starts unknowns"], Float[np.ndarray, "starts"]]:
-    """Where each start leads, and its squared error there."""
-    minimise = {"levenberg-marquardt": _levenberg_marquardt, "adam": _adam}[method]
-    ends, costs = minimise(problem, choice, scale, starts, iterations)
+    """Where each start leads, and its squared error there. `unit` is that of `Noise` near the best, where it lets
+    Levenberg and Marquardt take whole steps; from afar these lead to dampers without a loop."""
+    if method == "adam":
+        ends, costs = _adam(problem, choice, scale, starts, iterations)
+    else:
+        priors, centres = (jnp.broadcast_to(leaf, starts.shape) for leaf in (problem.prior, problem.centre))
+        ends, costs = _levenberg_marquardt(problem, choice, scale, starts, priors, centres, unit, iterations)
     return ends, np.asarray(costs)
 
 
-@functools.partial(jax.jit, static_argnums=(1, 4))
-def _levenberg_marquardt(problem: Problem, choice: Choice, scale: Scale, starts: Array, iterations: int) -> tuple[Array, Array]:
+@functools.partial(jax.jit, static_argnums=(1, 7))
+def _levenberg_marquardt(
+    problem: Problem, choice: Choice, scale: Scale, starts: Array, priors: Array, centres: Array, unit: Number, iterations: int
+) -> tuple[Array, Array]:
     import optimistix
 
     solver = optimistix.LevenbergMarquardt(rtol=1e-7, atol=1e-7)
 
-    force = _with_jacobian(problem, choice, scale)
-
-    def one(start: Unknowns) -> tuple[Unknowns, Array]:
+    def one(start: Unknowns, prior: Unknowns, centre: Unknowns) -> tuple[Unknowns, Array]:
+        force = _with_jacobian(problem._replace(prior=prior, centre=centre), choice, scale)
         found = optimistix.least_squares(
-            lambda q, _: force(q), solver, start, options={"jac": "fwd"}, max_steps=iterations, throw=False
+            lambda q, _: force(q) / unit, solver, start, options={"jac": "fwd"}, max_steps=iterations, throw=False
         )
         return found.value, jnp.sum(force(found.value) ** 2)
 
-    return jax.vmap(one)(starts)
+    return jax.vmap(one)(starts, priors, centres)
 
 
 def _with_jacobian(problem: Problem, choice: Choice, scale: Scale) -> Callable[[Unknowns], Array]:
@@ -203,50 +291,12 @@ def _adam(problem: Problem, choice: Choice, scale: Scale, starts: Array, iterati
     return jax.vmap(one)(starts)
 
 
-@functools.partial(jax.jit, static_argnums=1)
-def _slopes(problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns) -> tuple[Array, Array]:
-    """The residuals' Jacobian and themselves."""
-    own = functools.partial(residuals, problem, choice, scale)
-    return jax.jacfwd(lambda q: (own(q),) * 2, has_aux=True)(unknowns)
-
-
-def _uncertainty(
-    problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns
-) -> tuple[tuple[str, ...], Float[np.ndarray, "names"], Float[np.ndarray, "names names"]]:
-    """Standard errors and correlations of the parameters: H⁻¹ (Σ g_b g_bᵀ) H⁻¹ with the gradients g_b of blocks of the record,
-    which holds for residuals that are correlated within a block.
-    """
-
-    left_out = {"A"} | (set() if choice.commanded else {"c0b", "c1b", "alpha_b", "eta"})
-    example, _ = decode(choice, scale, unknowns)
-    own_names = tuple(f.name for f in bouc_wen.leaves(example) if f.name not in left_out)
-
-    def physical(q: Unknowns) -> Array:
-        damper, mass = decode(choice, scale, q)
-        values = [jnp.asarray(getattr(damper, name)) for name in own_names]
-        return jnp.stack(values + ([mass] if choice.inertia else []))
-
-    jacobian, left = (np.asarray(part) for part in _slopes(problem, choice, scale, unknowns))
-    counted = np.flatnonzero(np.asarray(problem.weight))
-    gradients = np.array(
-        [jacobian[block].T @ left[block] for block in np.array_split(counted, max(BLOCKS, 2 * len(unknowns)))],
-    )
-    inverse = np.linalg.inv(jacobian.T @ jacobian)
-    few = len(gradients) / (len(gradients) - len(unknowns))
-    covariance = few * inverse @ (gradients.T @ gradients) @ inverse
-    slopes = np.asarray(jax.jit(jax.jacfwd(physical))(unknowns))
-    covariance = slopes @ covariance @ slopes.T
-    standard = np.sqrt(np.diag(covariance))
-    names = own_names + (("inertia",) if choice.inertia else ())
-    return names, standard, covariance / np.outer(standard, standard)
-
-
 #: differential evolution's box around the scaled published damper: a factor of e^±3 for positive quantities
 BOX = 3.0
 
 
 def _evolve(
-    coarse: Problem, choice: Choice, scale: Scale, simulations: int, record: Record, fitted: slice, held: slice, seed: int
+    coarse: Problem, choice: Choice, scale: Scale, simulations: int, record: Record, fitted: Mask, held: Mask, seed: int
 ) -> Evolution:
     """SciPy's differential evolution over the same unknowns with as many simulations of the thinned record."""
     from scipy.optimize import differential_evolution
@@ -276,7 +326,8 @@ def _evolve(
         updating="deferred",
         rng=random,
     )
-    force = as_measured(record, *decode(choice, scale, jnp.asarray(found.x)))
+    guess = decode(choice, scale, jnp.asarray(found.x))
+    force = as_measured(record, guess.damper, guess.inertia, np.asarray(guess.stretches), guess.offset, int(coarse.parts))
     return Evolution(
         fit_error=error_of(force, record.force, fitted),
         heldout_error=error_of(force, record.force, held),

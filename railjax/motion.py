@@ -106,7 +106,7 @@ def motion(
     with jax.named_scope("damper"):
         if "secondary_y" in deflection:
             at = damper_point(deflection)
-            damper_force, internal_rate = law_of(damper, Seen(q, rates))(vehicle, deflection[at], rate[at], internal)
+            damper_force, internal_rate = law_of(damper, Seen(q, rates, elongation))(vehicle, deflection[at], rate[at], internal)
             forces[at] = forces[at] + damper_force if at in forces else damper_force
         else:
             damper_force, internal_rate = jnp.zeros_like(q["wheelset_y"][:, 0]), jnp.zeros_like(internal)
@@ -164,7 +164,7 @@ def held(vehicle: Vehicle, damper: Damper, x: Float[Array, "states *lanes"]) -> 
     if "secondary_y" not in deflection:
         return x
     at = damper_point(deflection)
-    internal = damper.held(vehicle, deflection[at], rate[at], internal, Seen(q, rates))
+    internal = damper.held(vehicle, deflection[at], rate[at], internal, Seen(q, rates, elongation))
     pieces = [piece.reshape((-1, *x.shape[1:])) for piece in (internal, elongation)]
     return jnp.concatenate([flat, flat_rates, *pieces])
 

@@ -1,7 +1,7 @@
 """Magnetorheological dampers in the secondary suspension: modified Bouc-Wen (eqs. 12-18) and hybrid (figs. 11, sections 3-4).
 
 Both are told by the balance logic when to act, Δy_c Δy_c' < 0, and how hard: the voltage law (18), or the current whose pressure
-makes the force of eq. (11). Two versions of each (`law`): "sharp" decides at the start of a step and holds it (order 1 in dt);
+makes the force of eq. (11). Two versions of each (`law`): "sharp" decides every `sample_time` (s; None: at every step) and holds it;
 "smooth" has no memory but the device's own, with signs of stated width, for gradients and limit cycles.
 """
 
@@ -16,6 +16,7 @@ from . import bouc_wen, smooth
 from .bouc_wen import BoucWen
 from .dampers import Bogies, PassiveDamper, Seen
 from .hydraulics import HydraulicDamper, Pilot, active_area, damping_force, mr_force_for
+from .sampling import sampled
 from .typing import Number, Scalar
 from .vehicle import Vehicle, structure
 
@@ -41,6 +42,20 @@ def _size(law: Law, travel: Bogies, width: Scalar) -> Bogies:
     return smooth.smooth_abs(travel, width) if law == "smooth" else jnp.abs(travel)
 
 
+def _held_states(damper: "BoucWenDamper | HybridDamper") -> int:
+    """The sharp law's decision and, with a sample time, its clock."""
+    return 1 if damper.sample_time is None else 2
+
+
+def _decided(damper: "BoucWenDamper | HybridDamper", travel: Bogies, velocity: Bogies, held: Bogies) -> list[Bogies]:
+    """Whether the sharp law acts from now on, and its clock."""
+    fresh = opposed(damper.law, travel, velocity, 0.0, 0.0)
+    if damper.sample_time is None:
+        return [fresh]
+    clock, decision = sampled(held[1], damper.sample_time, fresh, held[0])
+    return [decision, clock]
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class BoucWenDamper:
@@ -50,9 +65,9 @@ class BoucWenDamper:
     in V/m, up to `voltage_limit`; `voltage` is what is applied in between (0: passive-off). Eq. (18) prints ε K |x| sgn x'; the
     coil does not feel the sign of its voltage, so the command is ε K |x|. Typical: 0.05 to 1 V/mm.
 
-    Internal states of the sharp law: y; z and s = x - y at the start of the step; u; the decision. The loop's own rate, 2 √(A(β + γ))|x'|
+    Internal states of the sharp law: y; z and s = x - y at the start of the step; u; the decision; its clock. The loop's own rate, 2 √(A(β + γ))|x'|
     (9e3 1/s at 0.1 m/s), is no bound on dt: within a step z follows from z and s at its start in closed form (`bouc_wen.along_path`),
-    so that the vehicle feels a spring. Observed order through turns about 2 at constant voltage. Needs n = 2.
+    so that the vehicle feels a spring. Observed order through turns about 2 at constant voltage. Any n >= 1; but 2 takes three times the time of n = 2.
     The smooth law integrates eq. (14) itself, with |x' - y'| rounded: states y, z, u; dt 0.1 ms and less.
     """
 
@@ -63,16 +78,17 @@ class BoucWenDamper:
     travel_width: Number = 2e-4  # m
     velocity_width: Number = 5e-3  # m/s
     law: Law = structure("sharp")
+    sample_time: Number = 1e-3  # s
 
     @property
     def internal_states(self) -> int:
-        """y, z, s, u, decision; or y, z, u."""
-        return 5 if self.law == "sharp" else 3
+        """y, z, s, u, decision and its clock; or y, z, u."""
+        return 4 + _held_states(self) if self.law == "sharp" else 3
 
     @property
     def even_states(self) -> tuple[int, ...]:
-        """Voltage and decision."""
-        return (3, 4) if self.law == "sharp" else (2,)
+        """Voltage, decision and clock."""
+        return tuple(range(3, self.internal_states)) if self.law == "sharp" else (2,)
 
     def command(self, travel: Bogies, decision: Bogies) -> Bogies:
         """v of eq. (18), V."""
@@ -83,7 +99,7 @@ class BoucWenDamper:
         """Twice eq. (12), N, and the rates of eqs. (13)-(14) and of the driver."""
         p = self.parameters
         if self.law == "sharp":
-            y, start, s, u, decision = internal
+            y, start, s, u, decision, *clock = internal
             z, _ = bouc_wen.along_path(p, start, travel - y - s)
         else:
             y, z, u = internal
@@ -93,7 +109,7 @@ class BoucWenDamper:
         force = 2.0 * bouc_wen.force(p, travel, velocity, y, z, u)
         if self.law == "sharp":
             held = jnp.zeros_like(y)
-            return force, jnp.stack([y_rate, held, held, u_rate, held])
+            return force, jnp.stack([y_rate, held, held, u_rate, held, *[jnp.ones_like(y) for _ in clock]])
         return force, jnp.stack([y_rate, self._smooth_z_rate(velocity - y_rate, z), u_rate])
 
     def _smooth_z_rate(self, relative: Bogies, z: Bogies) -> Bogies:
@@ -102,12 +118,12 @@ class BoucWenDamper:
         return bouc_wen.z_rate(self.parameters, forth, z) + bouc_wen.z_rate(self.parameters, -back, z)
 
     def held(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies, seen: Seen) -> Bogies:
-        """z and s brought to this instant, and whether the damper is to act in the step that follows."""
+        """z and s brought to this instant, and, where a sample is due, whether the damper is to act until the next."""
         if self.law == "smooth":
             return internal
-        y, start, s, u, _ = internal
+        y, start, s, u = internal[:4]
         z, _ = bouc_wen.along_path(self.parameters, start, travel - y - s)
-        return jnp.stack([y, z, travel - y, u, opposed(self.law, travel, velocity, 0.0, 0.0)])
+        return jnp.stack([y, z, travel - y, u, *_decided(self, travel, velocity, internal[4:])])
 
     def extremes(self, vehicle: Vehicle) -> tuple:
         """At full voltage, with the loop's steepest side; of the smooth law also the loop's own rate."""
@@ -117,7 +133,7 @@ class BoucWenDamper:
         full = dataclasses.replace(p, alpha_a=alpha, c0a=c0, c1a=c1, alpha_b=0.0, c0b=0.0, c1b=0.0, A=steepest)
         found = [dataclasses.replace(self, parameters=full)]
         if self.law == "smooth":
-            found.append(_Relaxation(2.0 * jnp.sqrt(p.A * (p.beta + p.gamma)) * LARGEST_VELOCITY))
+            found.append(_Relaxation(p.n * p.A / bouc_wen.largest(p) * LARGEST_VELOCITY))
         return tuple(found)
 
 
@@ -146,7 +162,7 @@ class HybridDamper:
     that is F_dmin of eq. (10). Between narrowest and widest opening the force is held by the pilot; beyond them it is the orifice's.
 
     `mr_force` and `mr_current`: Table 5's 406.7 N at 1.5 A; taken as proportional, without remanence. Internal states: current (A)
-    and, of the sharp law, the decision.
+    and, of the sharp law, the decision and its clock.
     """
 
     alpha: Number = 1.0
@@ -158,11 +174,12 @@ class HybridDamper:
     travel_width: Number = 2e-4  # m
     velocity_width: Number = 5e-3  # m/s
     law: Law = structure("sharp")
+    sample_time: Number = 1e-3  # s
 
     @property
     def internal_states(self) -> int:
-        """Current; decision."""
-        return 2 if self.law == "sharp" else 1
+        """Current; decision and its clock."""
+        return 1 + _held_states(self) if self.law == "sharp" else 1
 
     @property
     def even_states(self) -> tuple[int, ...]:
@@ -190,14 +207,14 @@ class HybridDamper:
         else:
             decision = opposed(self.law, travel, velocity, self.travel_width, self.velocity_width)
         rate = (self.command(vehicle, travel, decision) - current) / self.current_lag
-        rates = [rate, jnp.zeros_like(rate)] if self.law == "sharp" else [rate]
+        rates = [rate, jnp.zeros_like(rate), jnp.ones_like(rate)][: len(internal)]
         return self.pair_force(velocity, current), jnp.stack(rates)
 
     def held(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies, seen: Seen) -> Bogies:
-        """Whether the damper is to act in the step that follows."""
+        """Where a sample is due, whether the damper is to act until the next."""
         if self.law == "smooth":
             return internal
-        return jnp.stack([internal[0], opposed(self.law, travel, velocity, 0.0, 0.0)])
+        return jnp.stack([internal[0], *_decided(self, travel, velocity, internal[1:])])
 
     def extremes(self, vehicle: Vehicle) -> tuple[PassiveDamper, ...]:
         """The steepest part of its characteristic at full current."""

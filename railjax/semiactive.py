@@ -7,10 +7,12 @@ All laws are of one of two kinds, per bogie's pair of dampers (hence the factors
 
 so that F v >= 0 for every g in [0, 1]: whatever the controller does, energy is only taken out. Two versions of each (`law`):
 
-* "sharp": the controller decides at the start of a step and holds g and sgn v over it, as sampled hardware does. Observed
-  order 1 in dt. Within the step in which v turns, the held direction is late by less than a step.
+* "sharp": the controller decides every `sample_time` (1 ms; None: at every step) and holds g until the next, as sampled hardware does
+  (`railjax.sampling`), so that the result does not depend on a dt that divides the sample time: ADD and mixed SH-ADD would chatter
+  at the step instead. sgn v, the damper's own, is held over a step: late by less than one where v turns. Observed order 1 in dt.
 * "smooth": no memory; sgn x is x/√(x² + w²) with the widths `velocity_width` and `signal_width` (in units of the signal, see each law's
-  `signal_scale`), g = (1 + sgn D sgn v)/2. Order 4. For gradients and limit cycles.
+  `signal_scale`), g = (1 + sgn D sgn v)/2. Order 4. For gradients and limit cycles; over a 5 mm sinusoid within 1 % of the sharp law
+  (skyhook), 5 % (balance logic, LQR), but see `ADD`.
 
 Sensor and actuator are first-order lags (`sensor_lag`, `actuator_lag` in s; None: ideal), internal states of their own. Not delays
 of whole steps, because those change with dt and neither the state matrix nor a limit cycle would see them.
@@ -30,6 +32,7 @@ from .deflections import join, of_carbody, size
 from .errors import InputError
 from .motion import state_matrix
 from .precision import require_double_precision
+from .sampling import sampled
 from .typing import Number, Scalar
 from .vehicle import Vehicle, structure
 
@@ -48,6 +51,7 @@ class Controlled:
     damping_min: Number = 0.0  # c_min, N s/m per damper
     sensor_lag: Number = None  # s
     actuator_lag: Number = None  # s
+    sample_time: Number = 1e-3  # s; None: a decision at every step
     velocity_width: Number = 5e-3  # m/s
     signal_width: Number = 0.02  # of the signal's scale
     law: Literal["sharp", "smooth"] = structure("sharp")
@@ -58,8 +62,9 @@ class Controlled:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Internal states by name: held decision and direction of the sharp law, lagged opening, lagged measurement."""
+        """Internal states by name: held decision and direction of the sharp law and its clock, lagged opening, lagged measurement."""
         names = ("decision", "direction") if self.law == "sharp" else ()
+        names += ("clock",) if self.law == "sharp" and self.sample_time is not None else ()
         names += () if self.actuator_lag is None else ("opening",)
         return names if self.sensor_lag is None else (*names, "sensed")
 
@@ -71,7 +76,7 @@ class Controlled:
     @property
     def even_states(self) -> tuple[int, ...]:
         """Those without a side."""
-        return tuple(k for k, name in enumerate(self.states) if name in ("decision", "opening"))
+        return tuple(k for k, name in enumerate(self.states) if name in ("decision", "clock", "opening"))
 
     def signal(self, measured: Bogies, sensed: Bogies | None) -> Bogies:
         """What is compared with the velocity, from the measurement and its lagged value."""
@@ -99,7 +104,7 @@ class Controlled:
         state, measured, signal = self._seen(vehicle, travel, internal, seen)
         decision = state["decision"] if "decision" in state else self.decision(signal, velocity)
         direction = state["direction"] if "direction" in state else self._direction(velocity)
-        rates = {}
+        rates = {"clock": jnp.ones_like(velocity)}
         if "opening" in state:
             rates["opening"] = (decision - state["opening"]) / self.actuator_lag
         if "sensed" in state:
@@ -109,12 +114,15 @@ class Controlled:
         return self.delivered(vehicle, signal, velocity, state.get("opening", decision), direction), rate
 
     def held(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies, seen: Seen) -> Bogies:
-        """The decision of this instant, for the step that follows."""
+        """The decision of this instant where a sample is due, and the direction, for the step that follows."""
         if self.law == "smooth":
             return internal
-        _, _, signal = self._seen(vehicle, travel, internal, seen)
-        ours = jnp.stack([self.decision(signal, velocity), self._direction(velocity)])
-        return jnp.concatenate([ours.astype(internal.dtype), internal[2:]])
+        state, _, signal = self._seen(vehicle, travel, internal, seen)
+        state["direction"], fresh = self._direction(velocity), self.decision(signal, velocity)
+        if "clock" in state:
+            state["clock"], fresh = sampled(state["clock"], self.sample_time, fresh, state["decision"])
+        state["decision"] = fresh
+        return jnp.stack([state[name] for name in self.states]).astype(internal.dtype)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,6 +204,7 @@ class Skyhook(ValveControlled):
     """
 
     damping: Number = None
+    signal_width: Number = 0.002  # of the signal's scale
     signal_scale: ClassVar[float] = 0.1
 
     def measured(self, vehicle: Vehicle, travel: Bogies, seen: Seen) -> Bogies:
@@ -220,6 +229,9 @@ class Skyhook(ValveControlled):
 class ADD(ValveControlled):
     """Acceleration-driven damping (Savaresi, Silani, Bittanti 2005): c_max while the car body's lateral acceleration a_c and Δy_c'
     have the same sign, else c_min. Good above the car body's own frequencies, where skyhook is good below.
+
+    Against a motion faster than its sample time the sharp law goes to and fro from sample to sample; its smooth twin slides between valve
+    open and shut instead and gives 10 to 30 % less force (mixed SH-ADD likewise), however narrow its widths. Report with the sharp law.
 
     The accelerometer's lag is part of the law: a_c is measured as (v_c - its lagged value)/τ, the acceleration through a
     first-order low-pass. Signal: a_c, m/s^2.
@@ -265,8 +277,8 @@ class MixedSkyhookADD(ADD):
 class ClippedLQR(ForceControlled):
     """Clipped optimal control: the force of a linear quadratic regulator with all states known, where dampers can give it.
 
-    Made with `ClippedLQR.design(vehicle, speed)`; `feedback` (n, 2N) is its gain, D = K [q, q'] per bogie's pair, N. It belongs
-    to that vehicle; at other speeds it is no longer optimal. What full knowledge could buy, not something to be built:
+    Made with `ClippedLQR.design(vehicle, speed)`; `feedback` (n, 2N) is its gain, D = K [q, q'] per bogie's pair, N; with yaw dampers in
+    series (n, 2N + n), as their elongations count. It belongs to that vehicle; at other speeds it is no longer optimal. What full knowledge could buy, not something to be built:
     a train does not measure its wheelsets' lateral positions. Signal: D, N.
     """
 
@@ -288,10 +300,13 @@ class ClippedLQR(ForceControlled):
         require_double_precision("ClippedLQR.design")
         n, bogies = size(vehicle), len(vehicle.geometry.bogie_pattern)
         whole = np.asarray(state_matrix(vehicle, speed, _Actuator()))
-        a, b = whole[: 2 * n, : 2 * n], whole[: 2 * n, 2 * n :]
+        # the actuators' states stand before those of the yaw dampers
+        inputs, rates = np.arange(2 * n, 2 * n + bogies), slice(n, 2 * n)
+        plant = np.delete(whole, inputs, axis=0)
+        a, b = np.delete(plant, inputs, axis=1), plant[:, inputs]
         travel, above = (np.asarray(rows) for rows in _outputs(vehicle, n))
-        acceleration, direct = above @ a[n:], above @ b[n:]
-        state = np.vstack([acceleration, np.hstack([travel_weight * travel, np.zeros((bogies, n))])])
+        acceleration, direct = above @ a[rates], above @ b[rates]
+        state = np.vstack([acceleration, np.hstack([travel_weight * travel, np.zeros((bogies, len(a) - n))])])
         through = np.vstack([direct, np.zeros((bogies, bogies))])
         try:
             cost = scipy.linalg.solve_continuous_are(
@@ -305,7 +320,8 @@ class ClippedLQR(ForceControlled):
 
     def measured(self, vehicle: Vehicle, travel: Bogies, seen: Seen) -> Bogies:
         """D = K x."""
-        x = jnp.concatenate(join(vehicle, seen.coordinates) + join(vehicle, seen.rates))
+        own = [] if seen.yaw_dampers is None else [*seen.yaw_dampers]
+        x = jnp.concatenate(join(vehicle, seen.coordinates) + join(vehicle, seen.rates) + own)
         feedback = jnp.asarray(self.feedback)
         # lanes of its own on the last axis, or none
         return jnp.sum(feedback.reshape(feedback.shape + (1,) * (x.ndim + 1 - feedback.ndim)) * x, axis=1)

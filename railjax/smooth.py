@@ -69,6 +69,20 @@ def artanhc(square: Float[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(near, series, jnp.where(q > 0.0, jnp.arctanh(within), jnp.arctan(root)) / root)
 
 
+def expm1c(x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """(1 - e^-x)/x, 1 at x = 0: smooth there."""
+    near = jnp.abs(x) < SERIES
+    apart = jnp.where(near, 1.0, x)
+    return jnp.where(near, 1.0 - x / 2.0 + x**2 / 6.0 - x**3 / 24.0, -jnp.expm1(-apart) / apart)
+
+
+def log1pc(x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """-ln(1 - x)/x, 1 at x = 0: smooth there. Needs x < 1."""
+    near = jnp.abs(x) < SERIES
+    apart = jnp.where(near, 0.5, x)
+    return jnp.where(near, 1.0 + x / 2.0 + x**2 / 3.0 + x**3 / 4.0, -jnp.log1p(-apart) / apart)
+
+
 def beyond(law: str, x: Float[Array, "..."], half_width: Scalar, width: Scalar) -> Float[Array, "..."]:
     """The dead band by a vehicle's law: "sharp", its "smooth" twin of `width`, or "linear", whose slope is that of rest: 0, or 1
     where the band is negative, which is beyond its corners already."""

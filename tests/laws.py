@@ -32,6 +32,13 @@ def with_law(damper, law):
     return dataclasses.replace(damper, law=law)
 
 
+def clock(damper):
+    """Where the clock of a sharp law stands among its internal states; none of them without one."""
+    if getattr(damper, "law", None) != "sharp" or getattr(damper, "sample_time", None) is None:
+        return slice(0)
+    return damper.states.index("clock") if hasattr(damper, "states") else damper.internal_states - 1
+
+
 def instant(coach, damper, seed, size_of=1e-2, lanes=()):
     """A random motion: travel, velocity, internal states, what the controller sees."""
     rng = np.random.default_rng(seed)
@@ -41,10 +48,11 @@ def instant(coach, damper, seed, size_of=1e-2, lanes=()):
         * np.repeat([1.0, 20.0], size(coach)).reshape((-1,) + (1,) * len(lanes))
     )
     seen = Seen(*(split(coach, jnp.asarray(part)) for part in np.split(x, 2)))
-    travel, velocity = (deflections(coach, part)["secondary_y"] for part in seen)
+    travel, velocity = (deflections(coach, part)["secondary_y"] for part in seen[:2])
     internal = size_of * rng.normal(size=(damper.internal_states, 2, *lanes))
     for index in damper.even_states:
         internal[index] = rng.uniform(size=internal[index].shape)
+    internal[clock(damper)] = 0.0  # a sample is due
     return travel, velocity, jnp.asarray(internal), seen
 
 

@@ -7,41 +7,46 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.special
 from scipy.integrate import solve_ivp
 
 import railjax
-from railjax import bouc_wen, smooth
+from railjax import bouc_wen, power_loop, smooth
 from railjax.bouc_wen import BoucWen
 
 PUBLISHED = BoucWen()
+#: a larger damper's published loop; its other springs and dashpots are those of the prototype, times 3
+LARGE = BoucWen(
+    c0a=44.0, c0b=440.0, c1a=85e3, c1b=900.0, alpha_a=1.0872e6, alpha_b=4.9616e6, x0=0.0, gamma=300.0, beta=300.0, A=1.2, n=1.0
+)
 
 
-def travel(t):
+def travel(t, times=1.0):
     """A secondary suspension at speed: 10 mm at 1.3 Hz, 1.2 mm at 5.7 Hz; 0.12 m/s. Displacement and velocity."""
     waves = ((10e-3, 1.3, 0.0), (1.2e-3, 5.7, 1.0))
     return (
-        sum(a * np.sin(2 * np.pi * f * t + phase) for a, f, phase in waves),
-        sum(2 * np.pi * f * a * np.cos(2 * np.pi * f * t + phase) for a, f, phase in waves),
+        sum(times * a * np.sin(2 * np.pi * f * t + phase) for a, f, phase in waves),
+        sum(times * 2 * np.pi * f * a * np.cos(2 * np.pi * f * t + phase) for a, f, phase in waves),
     )
 
 
-def reference(p, time, voltage):
+def reference(p, time, voltage, times=1.0):
     """Force of eqs. (12)-(17) at a constant voltage, from y = z = 0."""
     c0, c1, alpha = p.c0a + p.c0b * voltage, p.c1a + p.c1b * voltage, p.alpha_a + p.alpha_b * voltage
 
     def inner(t, y, z):
-        x, v = travel(t)
+        x, v = travel(t, times)
         return (alpha * z + c0 * v + p.k0 * (x - y)) / (c0 + c1)
 
     def rate(t, state):
         y, z = state
         y_dot = inner(t, y, z)
-        w = travel(t)[1] - y_dot
+        w = travel(t, times)[1] - y_dot
         return [y_dot, -p.gamma * abs(w) * abs(z) ** (p.n - 1) * z - p.beta * w * abs(z) ** p.n + p.A * w]
 
     found = solve_ivp(rate, (0, time[-1]), [0, 0], "LSODA", time, rtol=1e-9, atol=1e-12, max_step=2e-4)
     assert found.success
-    return c1 * inner(time, *found.y) + p.k1 * (travel(time)[0] - p.x0)
+    return c1 * inner(time, *found.y) + p.k1 * (travel(time, times)[0] - p.x0)
 
 
 def stepped(p, time, voltage, steps=1):
@@ -113,13 +118,75 @@ def test_the_solution_of_a_step_satisfies_its_equation():
     np.testing.assert_allclose((c0 + c1) * path, c1 * (end - start) - dt * mean_rate, atol=1e-9)
 
 
-@pytest.mark.parametrize("shape", [1.0, 0.3, 1.8])
-def test_along_path_solves_eq_14(shape):
-    p = dataclasses.replace(PUBLISHED, gamma=shape * PUBLISHED.gamma)
-    for z in (-5.5e-3, -1e-3, 0.0, 4e-3):
+def of_exponent(n):
+    """The prototype's loop, as high, by another exponent."""
+    height = float(bouc_wen.largest(PUBLISHED)) ** (2.0 - n)
+    return dataclasses.replace(PUBLISHED, n=n, gamma=PUBLISHED.gamma * height, beta=PUBLISHED.beta * height)
+
+
+@pytest.mark.parametrize(("n", "voltage"), [(1.0, 1.5), (1.5, 1.5), (3.0, 0.0)])
+def test_steps_of_other_exponents_follow_the_equations(n, voltage):
+    p, time = of_exponent(n), 1e-3 * np.arange(1201)
+    assert error(stepped(p, time, voltage), reference(p, time, voltage)) < 1e-3
+
+
+def test_the_published_loop_of_exponent_1():
+    time = 1e-3 * np.arange(1201)
+    expected = reference(LARGE, time, 1.0)
+    assert error(stepped(LARGE, time, 1.0), expected) < 1e-3
+    assert error(stepped(dataclasses.replace(LARGE, n=1.5), time, 1.0), expected) > 0.05
+
+
+@pytest.mark.parametrize(("dt", "parts", "n"), [(2e-3, 2, 2.0), (20e-3, 16, 2.0), (5e-3, 8, 1.5)])
+def test_a_response_is_cut_as_fine_as_its_own_error_asks(dt, parts, n):
+    """0.5 m/s; the driver's lag is out of the way."""
+    p = dataclasses.replace(of_exponent(n), eta=1e9)
+    time = dt * np.arange(round(0.6 / dt) + 1)
+    x, v = map(jnp.asarray, travel(time, 4.1))
+    expected = reference(p, time, 1.5, 4.1)
+    start = jnp.array([x[0], 0.0, 1.5])  # y = z = 0
+    command = jnp.full(len(time), 1.5)
+    assert bouc_wen.parts_needed(p, bouc_wen.motion_of(x, v, command), dt, start[None]) == parts
+    assert error(bouc_wen.response(p, x, v, command, dt, parts, start), expected) < 1e-3
+    assert error(bouc_wen.response(p, x, v, command, dt, 1, start), expected) > 1e-3
+
+
+@pytest.mark.parametrize("n", [1.2, 1.5, 3.0, 8.0])
+def test_the_power_loop_is_the_hypergeometric_function_and_its_inverse(n):
+    zeta = jnp.asarray(np.concatenate([np.geomspace(1e-6, 0.9, 20), 1 - np.geomspace(1e-10, 0.1, 20)]))
+    for kappa in (-1.0, -0.4, 0.0, 0.6, 1.0):
+        there = power_loop.path_to(zeta, jnp.asarray(kappa), n)
+        known = scipy.special.hyp2f1(1.0, 1.0 / n, 1.0 + 1.0 / n, kappa * np.asarray(zeta) ** n)
+        np.testing.assert_allclose(there, zeta * known, rtol=1e-7)
+        np.testing.assert_allclose(power_loop.reached(there, jnp.asarray(kappa), n), zeta, rtol=1e-12)
+
+
+@pytest.mark.parametrize("n", [1.0, 1.5])
+def test_derivatives_along_the_path(n):
+    """Forward, reverse and central differences: unloading, through zero, loading, near saturation; finite at rest."""
+    p = of_exponent(n)
+    z, path = jnp.array([-5e-3, -1e-3, 0.0, 4e-3, -6.43e-3]), jnp.array([1e-5, 3e-5, 2e-5, 1e-5, 2e-4])
+
+    def after(factors, z, path):
+        changed = {key: factors[k] * getattr(p, key) for k, key in enumerate(("A", "beta", "gamma"))}
+        return jnp.sum(1e3 * bouc_wen.along_path(dataclasses.replace(p, **changed), z, path)[0])
+
+    here = (jnp.array([1.0, 1.0, 0.7]), z, path)
+    derivatives.check(
+        lambda a, z, s: after(a, 1e-2 * z, 1e-4 * s), here[0], z / 1e-2, path / 1e-4, step=1e-6, rtol=1e-5, atol=1e-6
+    )
+    for values in jax.jacrev(after, (0, 1, 2))(here[0], 0.0 * z, 0.0 * path):
+        assert np.all(np.isfinite(values))
+
+
+@pytest.mark.parametrize(("shape", "n"), [(1.0, 2.0), (0.3, 2.0), (1.8, 2.0), (0.3, 1.0), (1.8, 1.0), (1.0, 1.5)])
+def test_along_path_solves_eq_14(shape, n):
+    p = of_exponent(n)
+    p = dataclasses.replace(p, gamma=shape * p.gamma)
+    for z in np.array([-0.85, -0.15, 0.0, 0.6]) * float(bouc_wen.largest(p)):
         for path in (-8e-5, -1e-7, 2e-5, 1.5e-4):
             found = solve_ivp(
-                lambda s, z, path=path: p.A - p.beta * z**2 - p.gamma * np.sign(path) * abs(z) * z,
+                lambda s, z, path=path: p.A - p.beta * abs(z) ** n - p.gamma * np.sign(path * z) * abs(z) ** n,
                 (0, path),
                 [z],
                 rtol=1e-10,
@@ -129,7 +196,10 @@ def test_along_path_solves_eq_14(shape):
             after, slope = bouc_wen.along_path(p, jnp.asarray(z), jnp.asarray(path))
             assert float(after) == pytest.approx(found.y[0, -1], rel=1e-5, abs=1e-11)
             h = 1e-9
-            numeric = (bouc_wen.along_path(p, z, jnp.asarray(path + h))[0] - bouc_wen.along_path(p, z, path - h)[0]) / (2 * h)
+            numeric = (
+                bouc_wen.along_path(p, jnp.asarray(z), jnp.asarray(path + h))[0]
+                - bouc_wen.along_path(p, jnp.asarray(z), path - h)[0]
+            ) / (2 * h)
             assert float(slope) == pytest.approx(float(numeric), rel=1e-4, abs=1e-3)
 
 
@@ -207,9 +277,9 @@ def test_lanes_of_parameters():
         np.testing.assert_allclose(found[:, lane], alone, rtol=1e-10, atol=1e-9)
 
 
-def test_other_exponents_have_no_closed_step():
-    with pytest.raises(railjax.InputError, match=r"n = 2 only, not 1\.5"):
-        bouc_wen.step(dataclasses.replace(PUBLISHED, n=1.5), 0.0, 1e-3, 0.0, 0.0, 0.0, 1e-3)
+def test_exponents_below_1_are_refused():
+    with pytest.raises(railjax.InputError, match=r"n must be at least 1, not 0\.5"):
+        bouc_wen.step(dataclasses.replace(PUBLISHED, n=0.5), 0.0, 1e-3, 0.0, 0.0, 0.0, 1e-3)
 
 
 def test_even_functions_join_smoothly():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax.record import acceleration, read_record
+from railjax.record import acceleration, derivative, read_record
 
 COUNT, RATE = 800, 1000.0
 
@@ -64,6 +64,26 @@ def test_velocity_alone_and_a_rate_instead_of_time(tmp_path):
     assert record.every(4).dt == pytest.approx(4e-3)
 
 
+def test_a_time_that_begins_anew_begins_a_stretch(tmp_path):
+    m = motion()
+    again = {name: np.concatenate([values, values[:600]]) for name, values in m.items()}
+    record = read_record(written(tmp_path, again))
+    assert record.begins == (0, COUNT)
+    assert [len(record.velocity[stretch]) for stretch in record.stretches] == [COUNT, 600]
+    np.testing.assert_allclose(acceleration(record)[COUNT:], acceleration(record)[:600], rtol=1e-9, atol=2e-2)
+
+
+def test_noisy_displacements_are_smoothed_over_more_samples():
+    time = np.arange(2000) * 2e-3
+    clean = 0.01 * np.sin(2 * np.pi * 5 * time)
+    found, window = derivative(clean, 2e-3)
+    assert window == 5
+    np.testing.assert_allclose(found[5:-5], 0.1 * np.pi * np.cos(2 * np.pi * 5 * time)[5:-5], atol=1e-4)
+    noisy, wider = derivative(clean + 2e-6 * np.random.default_rng(1).standard_normal(2000), 2e-3)
+    assert 9 <= wider <= 27
+    assert np.std(noisy - found) < 4e-3 * np.std(found)
+
+
 def test_a_rounded_time_is_even(tmp_path):
     m = motion()
     fine = dict(m, t=np.round(m["t"] / 3.0, 4))
@@ -89,7 +109,7 @@ def spoilt(key, sample, value):
         (
             motion(),
             {"units": {"displacement": "mm"}},
-            r"changes 0.000999 times as fast as the velocity says; check --displacement-unit",
+            r"changes 0.001 times as fast as the velocity says; check --displacement-unit",
         ),
         ({k: v for k, v in motion().items() if k != "F"}, {}, "no column of the force; name it with --force"),
         ({k: v for k, v in motion().items() if k not in "xv"}, {}, "no column of displacement or velocity"),

@@ -16,6 +16,7 @@ from laws import ALL, CONTROLLED, K, with_law
 import railjax
 from railjax.dampers import HARD, SOFT
 from railjax.integrate import fastest_rate
+from railjax.sampling import sampled
 
 H, L = 1.24, 8.6  # h_cc, l
 LAWS = ["sharp", "smooth"]
@@ -84,7 +85,7 @@ def test_smooth_twin_tends_to_the_sharp_law(coach, name):
     sharp, _ = laws.force(coach, CONTROLLED[name], travel, velocity, internal, seen)
     for width in (1e-2, 1e-3):
         twin = dataclasses.replace(CONTROLLED[name], law="smooth", signal_width=4 * width, velocity_width=width)
-        smooth, _ = laws.force(coach, twin, travel, velocity, internal[2:], seen)
+        smooth, _ = laws.force(coach, twin, travel, velocity, internal[len(internal) - twin.internal_states :], seen)
         errors.append(np.mean(np.abs(np.asarray(smooth - sharp))) / np.mean(np.abs(np.asarray(sharp))))
     assert errors[0] < 0.15
     assert errors[1] < 0.2 * errors[0]
@@ -117,9 +118,46 @@ def test_decision_is_held_and_deciding_twice_changes_nothing(coach, name):
     _, rate = damper.force(*arguments)
     decided = 4 if name == "bouc-wen" else 1 if name == "hybrid" else 0
     assert np.all(np.asarray(rate)[decided] == 0.0)
-    again = damper.held(coach, -travel, velocity, once, seen)
+    clock = laws.clock(damper)
+    assert np.all(np.asarray(rate)[clock] == 1.0)
+    half, whole = (once.at[clock].set(share * damper.sample_time) for share in (0.5, 1.0))
+    between, again = (damper.held(coach, -travel, velocity, state, seen) for state in (half, whole))
+    np.testing.assert_array_equal(np.asarray(between)[decided], np.asarray(once)[decided])
     if name in ("balance", "bouc-wen", "hybrid"):
         np.testing.assert_allclose(np.asarray(again)[decided], 1.0 - np.asarray(once)[decided])
+
+
+@pytest.mark.parametrize(
+    ("dt", "times"),
+    [
+        (5e-5, [0.0, 1e-3, 2e-3, 3e-3]),
+        (4e-4, [0.0, 1.2e-3, 2e-3, 3.2e-3]),
+        (1e-3, [0.0, 1e-3, 2e-3, 3e-3]),
+        (1.5e-3, [0.0, 1.5e-3, 3e-3]),
+    ],
+)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_samples_are_taken_at_the_first_step_that_reaches_one(dt, times, dtype):
+    clock, kept, found = jnp.zeros(2, dtype), jnp.zeros(2, dtype), []
+    for index in range(int(3.4e-3 / dt) + 1):
+        clock, kept = sampled(clock, 1e-3, jnp.full(2, index, dtype), kept)
+        np.testing.assert_array_equal(sampled(clock, 1e-3, kept, kept)[0], clock)
+        found.append(float(kept[0]))
+        clock = clock + dtype(dt)
+    np.testing.assert_allclose(np.unique(found) * dt, times, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["skyhook", "ADD", "mixed"])
+def test_a_controller_with_a_sample_time_does_not_feel_the_step(coach, name):
+    """1 ms against 0.05 ms, read at the same instants; deciding at every step they are 1 to 10 % apart."""
+
+    def forces(dt):
+        options = {"track": railjax.SinusoidTrack(5e-3, 20.0), "duration": 1.5, "record": ["damper_force"], "sample": 1e-3}
+        return np.asarray(railjax.simulate(coach, 55.0, damper=CONTROLLED[name], dt=dt, **options)["damper_force"])
+
+    coarse, fine = forces(1e-3), forces(5e-5)
+    assert np.sqrt(np.mean(coarse**2)) == pytest.approx(np.sqrt(np.mean(fine**2)), rel=2e-3)
+    assert np.mean(np.abs(coarse - fine)) < 0.01 * np.mean(np.abs(fine))
 
 
 @pytest.mark.parametrize("alpha", [0.3, 1.0])
@@ -131,7 +169,8 @@ def test_loss_per_cycle_is_that_of_a_damping_ratio_alpha_over_2_pi(coach, alpha)
         travel = jnp.asarray(np.stack([amplitude * np.sin(phase)] * 2))
         velocity = jnp.asarray(np.stack([amplitude * omega * np.cos(phase)] * 2))
         seen = laws.instant(coach, CONTROLLED["balance"], 0, lanes=(len(phase),))[3]
-        force, _ = laws.force(coach, railjax.BalanceLogic(alpha), travel, velocity, jnp.zeros((2, 2, len(phase))), seen)
+        damper = railjax.BalanceLogic(alpha)
+        force, _ = laws.force(coach, damper, travel, velocity, jnp.zeros((damper.internal_states, 2, len(phase))), seen)
         loss = np.sum(np.asarray(force * velocity)[0]) * (2 * np.pi / omega / len(phase))
         assert loss == pytest.approx(alpha * 2 * K * amplitude**2, rel=1e-3)
 
@@ -196,11 +235,33 @@ def test_regulator_is_optimal(coach):
         assert abs(up - down) < 0.05 * (up + down - 2 * best) + 1e-7 * best
 
 
+@pytest.mark.parametrize("stiffness", [None, 8e6])
+def test_regulator_of_a_vehicle_with_yaw_dampers(coach, stiffness):
+    """Its linear closed loop, the yaw dampers' own states fed back, is stable where the vehicle is not; a run takes it."""
+    yaw = railjax.YawDamper(3e4, 1.3, series_stiffness=stiffness)
+    vehicle, speed = railjax.replace(coach, yaw_damper=yaw, contact__conicity=0.4), 110.0
+    damper = railjax.ClippedLQR.design(vehicle, speed)
+    open_loop = np.asarray(railjax.state_matrix(vehicle, speed, railjax.PassiveDamper(0.0)))
+    assert np.linalg.eigvals(open_loop).real.max() > 0.0
+    travel = independent_plant(coach, speed)[-1]
+    b = np.zeros((len(open_loop), 2))
+    b[17:34] = -travel.T / np.diag(np.asarray(railjax.matrices(coach, speed).mass))[:, None]
+    assert damper.feedback.shape == (2, len(open_loop))
+    assert np.linalg.eigvals(open_loop + b @ damper.feedback).real.max() < -1e-3
+    run = railjax.simulate(vehicle, speed, damper=damper, duration=0.2, initial={"carbody_y": 2e-3}, record=["damper_force"])
+    assert np.abs(run["damper_force"]).max() > 10.0
+    if stiffness is not None:
+        travel, *_, seen = laws.instant(coach, damper, 4)
+        seen = seen._replace(yaw_dampers=jnp.array([[1e-3, -2e-3]]))
+        x = np.concatenate([np.ravel(g) for groups in seen[:2] for g in groups.values()] + [np.array([1e-3, -2e-3])])
+        np.testing.assert_allclose(damper.measured(vehicle, travel, seen), damper.feedback @ x, rtol=1e-9)
+
+
 def test_clipped_regulator_by_hand(coach):
     damper = railjax.ClippedLQR.design(coach, 55.0)
     travel, velocity, internal, seen = laws.instant(coach, damper, 4)
     force, _ = laws.force(coach, damper, travel, velocity, internal, seen)
-    x = np.concatenate([np.ravel(group) for groups in seen for group in groups.values()])
+    x = np.concatenate([np.ravel(group) for groups in seen[:2] for group in groups.values()])
     wanted = np.clip(damper.feedback @ x, -1e4, 1e4)
     np.testing.assert_allclose(force, np.where(wanted * np.asarray(velocity) > 0, wanted, 0.0), rtol=1e-9)
 
