@@ -24,6 +24,7 @@ from .channels import CHANNELS, check_channel
 from .dampers import Damper, check_damper
 from .deflections import wheelset_positions
 from .errors import InputError, NumericalError
+from .failed_lanes import nan_unless, no_number, without_nan
 from .kernels import eig
 from .lanes import count_lanes, each_lane, own_axes
 from .motion import PASSIVE, Motion, linearised, state_rate, state_size, wheelset_shape
@@ -214,10 +215,13 @@ def read_channels(record: tuple[str, ...], instant: Motion) -> dict[str, Float[A
 
 def respond(vehicle: Vehicle, speed: Scalar, wavenumber: Float[Array, "waves"], damper: Damper, read, *, flange: bool = False):
     """`transfers` for any dict of quantities that `read` takes from a `Motion`; with `flange` as in `linearised`."""
-    states = state_size(vehicle, damper)
+    states, sound = state_size(vehicle, damper), ~no_number((vehicle, speed, wavenumber, damper))
+    vehicle, speed, wavenumber, damper = without_nan((vehicle, speed, wavenumber, damper))
     rates, outputs = linearised(
         vehicle, speed, damper, lambda instant: (state_rate(vehicle, instant), read(instant)), flange=flange
     )
+    sound &= jnp.all(jnp.isfinite(rates))
+    rates = jnp.where(sound, rates, -jnp.eye(*rates.shape))
     positions = wheelset_positions(vehicle, jnp.zeros(wheelset_shape(vehicle))).reshape(-1)
     delays = jnp.exp(1j * wavenumber * positions[:, None])  # (wheelsets, waves)
     response, growth = resolvent(rates[:, :states], wavenumber * speed, rates[:, states:] @ delays)
@@ -225,9 +229,8 @@ def respond(vehicle: Vehicle, speed: Scalar, wavenumber: Float[Array, "waves"], 
     def of(columns: Float[Array, "... columns"]) -> Complex[Array, "waves ..."]:
         return jnp.moveaxis(columns[..., :states] @ response + columns[..., states:] @ delays, -1, 0)
 
-    transfer = jax.tree.map(of, outputs)
-    transfer = jax.tree.map(lambda values: jnp.where(growth < 0.0, values, jnp.nan), transfer)
-    return wavenumber * speed / (2.0 * jnp.pi), transfer, growth
+    transfer = nan_unless(sound & (growth < 0.0), jax.tree.map(of, outputs))
+    return (*nan_unless(sound, (wavenumber * speed / (2.0 * jnp.pi),)), transfer, nan_unless(sound, growth))
 
 
 def resolvent(

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .channels import CHANNELS, parse_reduction, rows_of_motion, shape_of
 from .dampers import Damper
 from .deflections import layout, size, wheelset_positions
+from .failed_lanes import nan_unless, no_number, without_nan
 from .kernels import fence
 from .lanes import own_axes
 from .motion import Motion, held, motion, state_rate
@@ -120,11 +121,13 @@ class _Stepper:
         at_start = self.instant(jax.tree.map(lambda leaf: leaf[0, 0], self.inputs(burst)[0]), x)
         return {name: CHANNELS[name].read(at_start) for name in record}
 
-    def steps(self, carry: Carry, burst: Array) -> Carry:
-        """A burst of steps. Reverse mode keeps x of every step and nothing else, and computes the stages again."""
-        return jax.lax.scan(jax.checkpoint(self._step, prevent_cse=False), carry, self.inputs(burst))[0]
+    def steps(self, carry: Carry, burst: Array, felt: Array | None = None) -> Carry:
+        """A burst of steps; forces are `felt` by 1, or by 0 in lanes that have failed. Reverse mode keeps x of every step and nothing
+        else, and computes the stages again."""
+        step = functools.partial(self._step, felt)
+        return jax.lax.scan(jax.checkpoint(step, prevent_cse=False), carry, self.inputs(burst))[0]
 
-    def _step(self, carry: Carry, now: tuple[Inputs, Array]) -> tuple[Carry, None]:
+    def _step(self, felt: Array | None, carry: Carry, now: tuple[Inputs, Array]) -> tuple[Carry, None]:
         inputs, time = now
         counted = jnp.where(time >= self.settle, 1.0, 0.0).astype(time.dtype) if self.reductions else None
 
@@ -136,7 +139,8 @@ class _Stepper:
                     _accumulate(how, total, CHANNELS[channel].read(at), here)
                     for (how, channel), total in zip(self.reductions, sums, strict=True)
                 )
-            return self.apart(state_rate(self.vehicle, at)), sums
+            velocity, *rates = self.apart(state_rate(self.vehicle, at))
+            return [velocity, *(rates if felt is None else [rate * felt for rate in rates])], sums
 
         parts, sums = rk4(stage, *carry, self.dt, self.looped)
         return (self.start(jnp.concatenate(parts)), sums), None
@@ -155,16 +159,17 @@ class _Stepper:
 def _no_number(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, *rest: Scalar) -> Bool[Array, "..."]:
     """Whether a parameter is not a number. It also gives each one a use: XLA aborts on an argument of its kernel that it can do without."""
     axes = (*parameter_axes(vehicle, damper, speed, track), *(0 for _ in rest))
-    found = [
-        jnp.any(jnp.isnan(leaf), axis=tuple(range(own)))
-        for leaf, own in zip(jax.tree.leaves((vehicle, damper, speed, track, *rest)), jax.tree.leaves(axes), strict=True)
-    ]
-    return functools.reduce(jnp.logical_or, found)
+    return no_number((vehicle, damper, speed, track, *rest), axes)
 
 
 def _within(parts: list[Array]) -> Bool[Array, "..."]:
     """False for NaN as well."""
     return jnp.max(jnp.abs(parts[0]), axis=0) < DIVERGED
+
+
+def _sound(parts: list[Array]) -> Bool[Array, "..."]:
+    """Whether a run can begin there: no number whose square is too large."""
+    return _within(parts) & (jnp.max(jnp.abs(parts[1]), axis=0) < FASTEST) & jnp.all(jnp.isfinite(parts[2]), axis=0)
 
 
 def run(
@@ -175,22 +180,31 @@ def run(
     x: State,
     dt: Scalar,
     settle: Scalar,
+    holds: Bool[Array, "..."],
     plan: Plan,
 ) -> Run:
     """Integrate from state x; every leaf may carry trailing lanes. `settle` seconds are left out of the reductions.
 
-    For what is transformed: differentiable in reverse mode, a length compiled on its own.
+    For what is transformed: differentiable in reverse mode, a length compiled on its own. A lane whose step does not hold (`holds`),
+    without a number or from far beyond the model's motions is NaN, one that leaves them feels no force from then on; neither spoils
+    the derivative of what is shared.
     """
     burst = burst_of(plan.every)
     bursts = plan.every // burst
+    n = size(vehicle)
+    sound = holds & ~_no_number(vehicle, damper, speed, track, dt, settle) & _sound([x[:n], x[n : 2 * n], x[2 * n :]])
+    vehicle, damper, speed, track = without_nan((vehicle, damper, speed, track))
+    x = jnp.where(sound, x, 0.0)
     stepper = _Stepper(vehicle, damper, speed, track, x, dt, settle, burst, plan.reduce, looped=False)
-
-    def several_steps(carry: Carry, index: Array) -> tuple[Carry, None]:
-        return stepper.steps(carry, index), None
 
     def sample(carry: Carry, index: Array) -> tuple[Carry, tuple[dict[str, Array], Array]]:
         record = stepper.sample(plan.record, index * bursts, jnp.concatenate(carry[0])) if plan.record else {}
         within = _within(carry[0])
+        felt = jnp.where(sound & within, 1.0, 0.0).astype(x.dtype)
+
+        def several_steps(carry: Carry, burst: Array) -> tuple[Carry, None]:
+            return stepper.steps(carry, burst, felt), None
+
         carry, _ = jax.lax.scan(several_steps, carry, index * bursts + jnp.arange(bursts))
         return carry, (record, ~within)
 
@@ -205,7 +219,8 @@ def run(
     (parts, sums), (records, outside) = jax.lax.scan(block, (stepper.start(x), stepper.zeros(x)), indices)
     records = {name: value.reshape((plan.samples, *value.shape[2:])) for name, value in records.items()}
     totals = stepper.totals(plan.reduce, sums, plan.samples * plan.every, x.dtype)
-    return Run(records, totals, jnp.concatenate(parts), jnp.any(outside, axis=(0, 1)) | ~_within(parts))
+    records, totals, x = nan_unless(sound, (records, totals, jnp.concatenate(parts)))
+    return Run(records, totals, x, jnp.any(outside, axis=(0, 1)) | ~_within(parts) | ~sound)
 
 
 def advance(
@@ -284,6 +299,8 @@ STATES = "states"
 
 #: metres or radians beyond which the small displacements of the model have lost their meaning
 DIVERGED = 1.0
+#: m/s or rad/s with which no run begins; with more, squares and their like are no numbers before a displacement is seen to be too large
+FASTEST = 1e6
 
 
 def _accumulate(how: str, total: Array, value: Array, counted: Array) -> Array:

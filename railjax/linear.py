@@ -15,6 +15,7 @@ from .crossing import GROWN, Crossing, crossings, first_unproved, one_by_one
 from .dampers import Damper
 from .deflections import size
 from .errors import NumericalError
+from .failed_lanes import without_nan
 from .kernels import eig_both
 from .lanes import by_device, count_lanes, each_lane, own_axes
 from .motion import PASSIVE, state_matrix, state_product, state_size
@@ -99,7 +100,7 @@ def _found(lanes: int | None, trees: tuple, lowest: Scalar, highest: Scalar) -> 
 @_found.defjvp
 def _derivative(lanes: int | None, primals: tuple, tangents: tuple) -> tuple:
     found, crossing = _found(lanes, *primals)
-    speed, omega, frequency = _rates(lanes, primals[0], tangents[0], _held(crossing))
+    speed, omega, frequency = _rates(lanes, without_nan(primals[0]), tangents[0], _held(crossing))
     of_found, of_crossing = jax.tree.map(jnp.zeros_like, (found, crossing))
     of_found = of_found._replace(speed=speed, frequency=frequency, code=np.zeros(found.code.shape, jax.dtypes.float0))
     return (found, crossing), (of_found, of_crossing._replace(speed=speed, omega=omega))

@@ -108,7 +108,8 @@ def _traced(parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, c
     """Inside `jit`, `vmap` or `grad`: one program with the rest of what is transformed."""
     vehicle, damper, speed, _ = parameters
     fastest = _fastest(vehicle, speed, damper, STABLE_RADIUS / dt, spread=False)
-    trees = jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), (*parameters, x, dt, settle))
+    holds = dt * fastest <= STABLE_RADIUS  # a number, as all that `alone` takes
+    trees = jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), (*parameters, x, dt, settle, holds))
     axes = _axes(*trees)
     lanes = count_lanes(trees, axes)
     if lanes is None:
@@ -116,12 +117,12 @@ def _traced(parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, c
         result, code = alone(_run(plan), _axes, chunk, spread=True)(trees)
     else:
         result, code = over_lanes(_run(plan), trees, axes, lanes, chunk, spread=True)
-    return result, jnp.where(dt * fastest > STABLE_RADIUS, int(Result.STEP_TOO_LARGE), code), None
+    return result, jnp.where(holds, code, int(Result.STEP_TOO_LARGE)), None
 
 
 def _axes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, *_: Any) -> tuple:
-    """Axes of their own, before lanes, of the leaves of vehicle, damper, speed, track, state, dt and settle."""
-    return *parameter_axes(vehicle, damper, speed, track), 1, 0, 0
+    """Axes of their own, before lanes, of the leaves of vehicle, damper, speed, track, state, dt, settle and whether dt holds."""
+    return *parameter_axes(vehicle, damper, speed, track), 1, 0, 0, 0
 
 
 @functools.cache
@@ -132,11 +133,11 @@ def _run(plan: Plan) -> Callable[[tuple], tuple[Run, Array]]:
     def function(trees: tuple) -> tuple[Run, Array]:
         axes = _axes(*trees)
         x = trees[4]
-        *parameters, dt, settle = (jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), tree) for tree in trees)
+        *parameters, dt, settle, holds = (jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), tree) for tree in trees)
         vehicle, damper, speed, track, _ = parameters
         shape = jnp.broadcast_shapes(*[lane_shape(t, a) for t, a in zip(trees, axes, strict=True)])
         x = jnp.broadcast_to(x.reshape(x.shape + (1,) * (len(shape) + 1 - x.ndim)), (x.shape[0], *shape))
-        result = wheelsets_flat(run(vehicle, damper, speed, track, x, dt, settle, plan), len(shape))
+        result = wheelsets_flat(run(vehicle, damper, speed, track, x, dt, settle, holds > 0.0, plan), len(shape))
         return result, jnp.where(result.diverged, int(Result.DIVERGED), int(Result.OK))
 
     return function
