@@ -230,7 +230,7 @@ def _assess(criterion: Criterion, signals: dict[str, Values], frame: _Frame, f0:
 def _finding(criterion: Criterion, found: Values, given: Given, enough: Bool[np.ndarray, "..."]) -> Finding:
     value, largest, part, position = found
     limit = np.broadcast_to(np.asarray(criterion.limit(given), float), value.shape)
-    determined = (enough | (criterion.statistic == "sliding rms")) & np.isfinite(value)
+    determined = (enough | (criterion.statistic == "sliding rms")) & np.isfinite(value) & np.isfinite(limit)
     beyond = np.where(determined, value, largest) > limit
     verdict = np.where(beyond, "exceeded", np.where(determined, "met", "not determined"))
     return Finding(value, limit, largest, np.nan_to_num(part).astype(int), position, verdict)

@@ -96,11 +96,11 @@ class _Stepper:
 
     def __init__(
         self, vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, x: State, dt: Scalar, settle: Scalar, burst: int,
-        reduce: tuple[str, ...], looped: bool,
+        reduce: tuple[str, ...], looped: bool, straight: Array | None = None,
     ) -> None:  # fmt: skip
         self.vehicle, self.damper, self.dt, self.settle, self.looped = vehicle, damper, dt, settle, looped
         like = jnp.zeros((*layout(vehicle)["wheelset_y"], *x.shape[1:]), x.dtype)
-        self.inputs = _inputs(vehicle, speed, track, like, dt, burst)
+        self.inputs = _inputs(vehicle, speed, track, like, dt, burst, straight)
         self.slowness = None if isinstance(speed, SpeedProfile) else 1.0 / jnp.asarray(speed, x.dtype)
         self.reductions = [parse_reduction(name) for name in reduce]
 
@@ -121,13 +121,11 @@ class _Stepper:
         at_start = self.instant(jax.tree.map(lambda leaf: leaf[0, 0], self.inputs(burst)[0]), x)
         return {name: CHANNELS[name].read(at_start) for name in record}
 
-    def steps(self, carry: Carry, burst: Array, felt: Array | None = None) -> Carry:
-        """A burst of steps; forces are `felt` by 1, or by 0 in lanes that have failed. Reverse mode keeps x of every step and nothing
-        else, and computes the stages again."""
-        step = functools.partial(self._step, felt)
-        return jax.lax.scan(jax.checkpoint(step, prevent_cse=False), carry, self.inputs(burst))[0]
+    def steps(self, carry: Carry, burst: Array) -> Carry:
+        """A burst of steps. Reverse mode keeps x of every step and nothing else, and computes the stages again."""
+        return jax.lax.scan(jax.checkpoint(self._step, prevent_cse=False), carry, self.inputs(burst))[0]
 
-    def _step(self, felt: Array | None, carry: Carry, now: tuple[Inputs, Array]) -> tuple[Carry, None]:
+    def _step(self, carry: Carry, now: tuple[Inputs, Array]) -> tuple[Carry, None]:
         inputs, time = now
         counted = jnp.where(time >= self.settle, 1.0, 0.0).astype(time.dtype) if self.reductions else None
 
@@ -139,8 +137,7 @@ class _Stepper:
                     _accumulate(how, total, CHANNELS[channel].read(at), here)
                     for (how, channel), total in zip(self.reductions, sums, strict=True)
                 )
-            velocity, *rates = self.apart(state_rate(self.vehicle, at))
-            return [velocity, *(rates if felt is None else [rate * felt for rate in rates])], sums
+            return self.apart(state_rate(self.vehicle, at)), sums
 
         parts, sums = rk4(stage, *carry, self.dt, self.looped)
         return (self.start(jnp.concatenate(parts)), sums), None
@@ -180,47 +177,55 @@ def run(
     x: State,
     dt: Scalar,
     settle: Scalar,
-    holds: Bool[Array, "..."],
     plan: Plan,
+    holds: Bool[Array, "..."] | None = None,
 ) -> Run:
     """Integrate from state x; every leaf may carry trailing lanes. `settle` seconds are left out of the reductions.
 
-    For what is transformed: differentiable in reverse mode, a length compiled on its own. A lane whose step does not hold (`holds`),
-    without a number or from far beyond the model's motions is NaN, one that leaves them feels no force from then on; neither spoils
-    the derivative of what is shared.
+    For what is transformed: differentiable in reverse mode, a length compiled on its own. A lane without a number or from far beyond
+    the model's motions is NaN, one that leaves them is so from then on. Given where the step `holds`, a lane that fails for any of
+    these reasons spoils no derivative of what is shared; without derivatives it is not worth the wait.
     """
     burst = burst_of(plan.every)
     bursts = plan.every // burst
     n = size(vehicle)
-    sound = holds & ~_no_number(vehicle, damper, speed, track, dt, settle) & _sound([x[:n], x[n : 2 * n], x[2 * n :]])
-    vehicle, damper, speed, track = without_nan((vehicle, damper, speed, track))
-    x = jnp.where(sound, x, 0.0)
-    stepper = _Stepper(vehicle, damper, speed, track, x, dt, settle, burst, plan.reduce, looped=False)
+    sound = ~_no_number(vehicle, damper, speed, track, dt, settle) & _sound([x[:n], x[n : 2 * n], x[2 * n :]])
+    guarded = holds is not None
+    if guarded:
+        # a failed lane stays at rest on straight track, where all is finite whatever its parameters
+        sound &= holds
+        vehicle, damper, speed, track = without_nan((vehicle, damper, speed, track))
+        x = jnp.where(sound, x, 0.0)
+    straight = ~sound if guarded else None
+    stepper = _Stepper(vehicle, damper, speed, track, x, dt, settle, burst, plan.reduce, looped=False, straight=straight)
 
-    def sample(carry: Carry, index: Array) -> tuple[Carry, tuple[dict[str, Array], Array]]:
-        record = stepper.sample(plan.record, index * bursts, jnp.concatenate(carry[0])) if plan.record else {}
-        within = _within(carry[0])
-        felt = jnp.where(sound & within, 1.0, 0.0).astype(x.dtype)
+    def several_steps(carry: Carry, index: Array) -> tuple[Carry, None]:
+        return stepper.steps(carry, index), None
 
-        def several_steps(carry: Carry, burst: Array) -> tuple[Carry, None]:
-            return stepper.steps(carry, burst, felt), None
-
+    def sample(state: tuple[Carry, Array], index: Array) -> tuple[tuple[Carry, Array], dict[str, Array]]:
+        (parts, sums), sound = state
+        record = stepper.sample(plan.record, index * bursts, jnp.concatenate(parts)) if plan.record else {}
+        record, within = nan_unless(sound, record), _within(parts)
+        if guarded:  # what has left the model's motions goes on from rest, or it would end in numbers that are none
+            parts = [jnp.where(within, part, 0.0) for part in parts]
+        carry: Carry = parts, sums
         carry, _ = jax.lax.scan(several_steps, carry, index * bursts + jnp.arange(bursts))
-        return carry, (record, ~within)
+        return (carry, sound & within), record
 
-    def block(carry: Carry, indices: Array) -> tuple[Carry, tuple[dict[str, Array], Array]]:
-        return jax.lax.scan(sample, carry, indices)
+    def block(state: tuple[Carry, Array], indices: Array) -> tuple[tuple[Carry, Array], dict[str, Array]]:
+        return jax.lax.scan(sample, state, indices)
 
     if plan.samples * plan.every * x.size * x.dtype.itemsize > KEPT_BYTES:
         block = jax.checkpoint(block)
     # two levels of about the same length, so that reverse mode keeps only the square root of the samples
     per_block = largest_divisor(plan.samples, max(1, isqrt(plan.samples)))
     indices = jnp.arange(plan.samples).reshape(-1, per_block)
-    (parts, sums), (records, outside) = jax.lax.scan(block, (stepper.start(x), stepper.zeros(x)), indices)
+    begun = (stepper.start(x), stepper.zeros(x)), sound
+    ((parts, sums), sound), records = jax.lax.scan(block, begun, indices)
     records = {name: value.reshape((plan.samples, *value.shape[2:])) for name, value in records.items()}
     totals = stepper.totals(plan.reduce, sums, plan.samples * plan.every, x.dtype)
-    records, totals, x = nan_unless(sound, (records, totals, jnp.concatenate(parts)))
-    return Run(records, totals, x, jnp.any(outside, axis=(0, 1)) | ~_within(parts) | ~sound)
+    totals, x = nan_unless(sound, (totals, jnp.concatenate(parts)))
+    return Run(records, totals, x, ~(sound & _within(parts)))
 
 
 def advance(
@@ -316,9 +321,10 @@ def _finish(how: str, total: Array, count: Array) -> Array:
 
 
 def _inputs(
-    vehicle: Vehicle, speed: Speed, track: Track, like: Float[Array, "n m *lanes"], dt: Scalar, burst: int
+    vehicle: Vehicle, speed: Speed, track: Track, like: Float[Array, "n m *lanes"], dt: Scalar, burst: int, straight: Array | None
 ) -> Callable[[Array], tuple[Inputs, Array]]:
-    """Track and speed over the steps of a burst: at the start, the middle and the end of each, and the time of its start.
+    """Track and speed over the steps of a burst: at the start, the middle and the end of each, and the time of its start. The track is
+    without irregularity in lanes that have it `straight`.
 
     Leaves have the shape (burst, 3, ...)."""
     positions = wheelset_positions(vehicle, like)
@@ -328,7 +334,8 @@ def _inputs(
         column = halves.reshape((-1,) + (1,) * like.ndim)
         positions = speed * (column * dt) + positions
     # sampled once for all that use it
-    seen = fence(track.seen_from(positions))
+    rough = track.seen_from(positions)
+    seen = fence(rough if straight is None else lambda start: jnp.where(straight, 0.0, rough(start)))
 
     def sampled(index: Array) -> Inputs:
         if varying:

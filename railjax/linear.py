@@ -100,7 +100,8 @@ def _found(lanes: int | None, trees: tuple, lowest: Scalar, highest: Scalar) -> 
 @_found.defjvp
 def _derivative(lanes: int | None, primals: tuple, tangents: tuple) -> tuple:
     found, crossing = _found(lanes, *primals)
-    speed, omega, frequency = _rates(lanes, without_nan(primals[0]), tangents[0], _held(crossing))
+    rates = _rates(lanes, without_nan(primals[0]), tangents[0], _held(crossing))
+    speed, omega, frequency = (jnp.where(found.code == Stability.OK, rate, 0.0) for rate in rates)
     of_found, of_crossing = jax.tree.map(jnp.zeros_like, (found, crossing))
     of_found = of_found._replace(speed=speed, frequency=frequency, code=np.zeros(found.code.shape, jax.dtypes.float0))
     return (found, crossing), (of_found, of_crossing._replace(speed=speed, omega=omega))

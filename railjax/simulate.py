@@ -16,7 +16,7 @@ from .dampers import Damper, check_damper
 from .deflections import join, layout
 from .errors import InputError
 from .integrate import Plan, Run, parameter_axes, run
-from .lanes import alone, by_device, chunk_for, count_lanes, each_lane, over_lanes, own_axes
+from .lanes import alone, by_device, chunk_for, count_lanes, each_lane, over_lanes, own_axes, with_derivative_of
 from .motion import PASSIVE, state_size
 from .simulation import Result, Simulation
 from .speed_profile import Speed, SpeedProfile
@@ -112,11 +112,14 @@ def _traced(parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, c
     trees = jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), (*parameters, x, dt, settle, holds))
     axes = _axes(*trees)
     lanes = count_lanes(trees, axes)
+    # in a transformation it is the outermost function that can be one kernel (`railjax.jit`)
     if lanes is None:
-        # in a transformation it is the outermost function that can be one kernel (`railjax.jit`)
-        result, code = alone(_run(plan), _axes, chunk, spread=True)(trees)
+        result, code = alone(_run(plan, False), _run(plan, True), _axes, chunk, spread=True)(trees)
     else:
-        result, code = over_lanes(_run(plan), trees, axes, lanes, chunk, spread=True)
+        several = (
+            functools.partial(over_lanes, _run(plan, guarded), axes=axes, lanes=lanes, chunk=chunk) for guarded in (True, False)
+        )
+        result, code = with_derivative_of(*several)(trees)
     return result, jnp.where(holds, code, int(Result.STEP_TOO_LARGE)), None
 
 
@@ -126,8 +129,9 @@ def _axes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, *_: Any)
 
 
 @functools.cache
-def _run(plan: Plan) -> Callable[[tuple], tuple[Run, Array]]:
-    """One run, or all lanes of a chunk together; the same object for the same plan."""
+def _run(plan: Plan, guarded: bool) -> Callable[[tuple], tuple[Run, Array]]:
+    """One run, or all lanes of a chunk together; the same object for the same plan. With `guarded` a lane whose dt is too large is not
+    computed: it would spoil derivatives. Without them that is not worth the wait for the check of dt."""
 
     @jax.jit
     def function(trees: tuple) -> tuple[Run, Array]:
@@ -137,7 +141,9 @@ def _run(plan: Plan) -> Callable[[tuple], tuple[Run, Array]]:
         vehicle, damper, speed, track, _ = parameters
         shape = jnp.broadcast_shapes(*[lane_shape(t, a) for t, a in zip(trees, axes, strict=True)])
         x = jnp.broadcast_to(x.reshape(x.shape + (1,) * (len(shape) + 1 - x.ndim)), (x.shape[0], *shape))
-        result = wheelsets_flat(run(vehicle, damper, speed, track, x, dt, settle, holds > 0.0, plan), len(shape))
+        result = wheelsets_flat(
+            run(vehicle, damper, speed, track, x, dt, settle, plan, holds > 0.0 if guarded else None), len(shape)
+        )
         return result, jnp.where(result.diverged, int(Result.DIVERGED), int(Result.OK))
 
     return function
@@ -177,7 +183,7 @@ def _fastest(vehicle: Vehicle, speed: Speed, damper: Damper, enough: Scalar, spr
     axes = _rate_axes(*trees)
     lanes = count_lanes(trees, axes)
     if lanes is None:
-        return alone(_fastest_of, _rate_axes, CHECKED, spread=False)(trees)
+        return alone(_fastest_of, _fastest_of, _rate_axes, CHECKED, spread=False)(trees)
     if spread:
         return by_device(_fastest_of, trees, axes, CHECKED)
     return over_lanes(_fastest_of, trees, axes, lanes, CHECKED)

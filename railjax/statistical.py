@@ -8,7 +8,7 @@ Gaussian: harmonics, hunting, rare large values. It is an approximation; compare
 
 import functools
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
