@@ -26,6 +26,7 @@ from .acceptance_criteria import (
 from .acceptance_record import RunningRecord, check_record, record_of_run
 from .acceptance_report import one_run, plain, several_runs
 from .acceptance_signals import by_section, filtered, hunting_frequency, sliding_mean, sliding_rms
+from .checks import Kind, guarded
 from .errors import InputError
 from .simulate import Simulation
 from .typing import Number
@@ -108,6 +109,7 @@ def default_section(speed: Number) -> Values:
     return np.where(np.asarray(speed) * KMH > 220.0 + 1e-9, 500.0, 250.0)
 
 
+@guarded()
 def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1.0, **options: Any) -> Acceptance:
     """Assess a simulated run, or every lane of a batch: `acceptance_of_record`, with its options such as
     `prudhomme_factor`, a number, with the vehicle's axle load and bogie mass.
@@ -120,6 +122,7 @@ def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1
     return acceptance_of_record(record_of_run(vehicle, run), **given, **options)
 
 
+@guarded(record=Kind("acceptance_record.RunningRecord", "a railjax.RunningRecord"))
 def acceptance_of_record(
     record: RunningRecord,
     *,

@@ -10,8 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .checks import guarded, positive
 from .deflections import CARBODY_TO_FLOOR, FLOOR_POINTS, lateral_of_carbody
 from .errors import InputError
+from .failed_lanes import ends
 from .simulate import Simulation
 from .typing import Scalar
 from .vibration import (
@@ -102,7 +104,8 @@ class Comfort:
             lines.append(f"    MTVV {_span(self.running[direction])} m/s^2, VDV {_span(self.dose[direction])} m/s^1.75")
             lines.append(f"    crest factor {_span(self.crest[direction])}")
             if direction in self.sperling:
-                worst = np.unravel_index(np.nanargmax(self.sperling_bands[direction]), self.sperling_bands[direction].shape)[0]
+                by_band = np.nan_to_num(self.sperling_bands[direction], nan=-1.0)
+                worst = np.unravel_index(np.argmax(by_band), by_band.shape)[0]
                 exponent, power = self.sperling_exponents
                 lines.append(
                     f"    Sperling Wz: {_span(self.sperling[direction])}, most at {10 ** (THIRD_OCTAVES[worst] / 10):.3g} Hz "
@@ -144,6 +147,7 @@ class Comfort:
         }
 
 
+@guarded(acceleration=None, sperling_exponent=positive(), sperling_power=positive())
 def comfort(
     acceleration: ArrayLike | Simulation | Mapping[str, ArrayLike],
     sampling_rate: float | int | None = None,
@@ -232,6 +236,8 @@ def _report(
     notes = []
     if mean and blocks < FULL_TEST:
         notes.append(f"N_MV is of {blocks} blocks of 5 s; a full test has {FULL_TEST} (5 min)")
+    if not np.all(ok):
+        notes.append(f"{np.sum(~np.asarray(ok))} of {np.size(ok)} lane(s) failed in the simulation and are left out")
     for direction, record in records.items():
         values = _measured(record, sampling_rate, names[direction], direction, skip, mean, exponents)
         for key, value in values.items():
@@ -320,6 +326,7 @@ def _checked(direction: str, values: ArrayLike, ok: np.ndarray | bool) -> Float[
     return record
 
 
+@guarded()
 def floor_acceleration(
     run: Simulation, along: Scalar = 0.0, height: Scalar = -CARBODY_TO_FLOOR
 ) -> Float[Array, "samples *lanes"]:
@@ -342,7 +349,8 @@ def _span(values: ArrayLike) -> str:
     flat = np.ravel(values)
     if flat.size <= 4:
         return ", ".join(f"{value:.4g}" for value in flat)
-    return f"{np.nanmin(flat):.4g} to {np.nanmax(flat):.4g}"
+    low, high = ends(flat)
+    return f"{low:.4g} to {high:.4g}"
 
 
 def _words(values: ArrayLike, scale: tuple) -> str:

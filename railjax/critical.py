@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .checks import guarded
 from .dampers import Damper
 from .errors import InputError, NumericalError
 from .fold_search import FoldSearch, search_folds
@@ -47,6 +48,7 @@ class NonlinearCritical(NamedTuple):
     code: Int[Array, "..."]
 
 
+@guarded()
 def nonlinear_critical_speed(
     vehicle: Vehicle, *, damper: Damper = PASSIVE, wheelset: int | None = None, steps: int | None = None
 ) -> Float[Array, "..."]:
@@ -78,6 +80,7 @@ def refuse(code: Int[Array, ""]) -> None:
         raise NumericalError(f"no nonlinear critical speed: {reason}")
 
 
+@guarded()
 def nonlinear_critical(
     vehicle: Vehicle, *, damper: Damper = PASSIVE, wheelset: int | None = None, steps: int | None = None
 ) -> NonlinearCritical:

@@ -6,7 +6,8 @@ from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool
 
 T = TypeVar("T")
 
@@ -27,3 +28,10 @@ def no_number(tree: Any, axes: Any = None) -> Bool[Array, "..."]:
 def nan_unless(sound: Bool[Array, "..."], tree: T) -> T:
     """NaN in lanes that are not sound: on the last axes, as many as `sound` has."""
     return jax.tree.map(lambda leaf: jnp.where(sound, leaf, jnp.nan).astype(leaf.dtype), tree)
+
+
+def ends(values: ArrayLike) -> tuple[float, float]:
+    """The least and the greatest of what is a number, for summaries that say apart how many failed; NaN where nothing is."""
+    found = np.ravel(values)
+    found = found[~np.isnan(found)]
+    return (float(np.min(found)), float(np.max(found))) if found.size else (float("nan"), float("nan"))

@@ -20,17 +20,18 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from .along_speed import concrete
+from .arguments import an_excitation
 from .channels import CHANNELS, check_channel
-from .dampers import Damper, check_damper
+from .checks import guarded, traced
+from .dampers import Damper
 from .deflections import wheelset_positions
 from .errors import InputError, NumericalError
-from .failed_lanes import nan_unless, no_number, without_nan
+from .failed_lanes import ends, nan_unless, no_number, without_nan
 from .kernels import eig
 from .lanes import count_lanes, each_lane, own_axes
 from .motion import PASSIVE, Motion, linearised, state_rate, state_size, wheelset_shape
 from .precision import require_double_precision
 from .sampled_track import SampledTrack
-from .simulate import check_speed
 from .smooth import sqrt_of_square
 from .spectra import LONGEST, SHORTEST, Spectrum, spectrum
 from .typing import Number, Scalar
@@ -64,6 +65,12 @@ def excitation(of: Spectrum, shortest: Scalar = SHORTEST, longest: Scalar = LONG
     weights[:3] = weights[:-4:-1] = (3.0 / 8.0, 7.0 / 6.0, 23.0 / 24.0)
     wavenumber = xp.exp(logarithm)
     density = of.density(wavenumber)
+    if not traced(density):
+        known = np.asarray(density)
+        bad = np.flatnonzero(~(np.isfinite(known) & (known >= 0.0)))
+        if known.shape != (points,) or bad.size:
+            what = f"at {wavenumber[bad[0]]:.4g} rad/m it is {known[bad[0]]:g}" if bad.size else f"not of shape {known.shape}"
+            raise InputError(f"the spectrum's density must be finite and not negative, one value per wavenumber; {what}")
     waves = wavenumber, density * wavenumber * weights * (logarithm[1] - logarithm[0]), density
     return Excitation(*(jax.device_put(as_numbers(wave)) for wave in waves))
 
@@ -106,10 +113,10 @@ class FrequencyResponse:
         span = f"{speed[0]:.1f}" if speed.min() == speed.max() else f"{speed.min():.1f} to {speed.max():.1f}"
         lines = [f"Linear forced response of {self.vehicle_name or 'a vehicle'} at {span} km/h, {len(self.frequency)} waves"]
         for name in self.transfer:
-            values = np.asarray(self.rms(name))
-            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            values = self.rms(name)
+            low, high = ends(values)
             lines.append(f"  rms {name}: {low:.4g}" + ("" if low == high else f" to {high:.4g}") + f" {CHANNELS[name].unit}")
-        unstable = int(np.sum(np.asarray(self.growth) >= 0.0))
+        unstable = int(np.sum(~(np.asarray(self.growth) < 0.0)))
         if unstable:
             lines.append(f"  unstable, without a stationary response: {unstable} of {self.growth.size} lane(s)")
         return "\n".join(lines)
@@ -134,6 +141,7 @@ class FrequencyResponse:
         return xarray.Dataset(variables, coordinates, {"vehicle": self.vehicle_name})
 
 
+@guarded(("shortest", "longest"), track=an_excitation)
 def frequency_response(
     vehicle: Vehicle,
     speed: Scalar,
@@ -156,8 +164,6 @@ def frequency_response(
     unstable at this speed it raises `NumericalError`; in a batch or transformation such a lane is NaN. Needs double precision.
     """
     require_double_precision("the frequency response")
-    check_speed(speed)
-    check_damper(damper)
     record = tuple(check_channel(name) for name in record)
     waves = waves_of(track, shortest, longest, points)
     frequency, transfer, growth = transfers(vehicle, speed, waves.wavenumber, damper, record)

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from . import bouc_wen
 from .bouc_wen import BoucWen
+from .checks import FLAG, Kind, Range, guarded, whole
 from .damper_fit import (
     Choice,
     Problem,
@@ -39,6 +40,14 @@ VoltageLaw = Literal["saturating", "linear"]
 BLOCKS = 60
 
 
+@guarded(
+    record=Kind("record.Record", "a railjax.Record"),
+    starts=whole(1),
+    iterations=whole(1),
+    fit_share=Range("1", 0.1, 0.95),
+    evolution=FLAG,
+    inertia=FLAG,
+)
 def identify_damper(
     record: Record,
     *,

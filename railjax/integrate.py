@@ -1,7 +1,6 @@
 """Runge-Kutta 4: bursts of steps and samples of bursts, in checkpointed `lax.scan`s for what is transformed (`run`), in loops of any
 length for what is not (`advance`); channels read off states (`read`)."""
 
-import functools
 import math
 from collections.abc import Callable
 from math import isqrt

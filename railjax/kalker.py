@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .checks import guarded
 from .typing import Scalar
 
 STEEL_YOUNG = 2.1e11  # Pa
@@ -69,6 +70,7 @@ class CreepCoefficients(NamedTuple):
     creep_spin: Float[Array, "..."]
 
 
+@guarded()
 def kalker_coefficients(ratio: Scalar, poisson: Scalar = STEEL_POISSON) -> KalkerCoefficients:
     """Kalker's table at a/b = `ratio` and Poisson's ratio `poisson` (0 to 0.5); exact at the table's entries.
 
@@ -93,6 +95,7 @@ def kalker_coefficients(ratio: Scalar, poisson: Scalar = STEEL_POISSON) -> Kalke
     return KalkerCoefficients(read(_C11), read(_C22), read(_C23), read(_C33))
 
 
+@guarded()
 def contact_ellipse(
     load: Scalar,
     wheel_radius: Scalar,
@@ -122,6 +125,7 @@ def contact_ellipse(
     return ContactEllipse(jnp.where(along <= across, major, minor), jnp.where(along <= across, minor, major))
 
 
+@guarded()
 def creep_coefficients(
     load: Scalar,
     wheel_radius: Scalar,

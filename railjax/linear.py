@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from .along_speed import TOGETHER, Along, along_speed, concrete
+from .checks import guarded
 from .crossing import GROWN, Crossing, crossings, first_unproved, one_by_one
 from .dampers import Damper
 from .deflections import size
@@ -52,6 +53,7 @@ class LinearCritical(NamedTuple):
     code: Int[Array, "..."]
 
 
+@guarded(("lowest", "highest"))
 def linear_critical_speed(
     vehicle: Vehicle, *, damper: Damper = PASSIVE, lowest: float = LOWEST, highest: float = HIGHEST
 ) -> Float[Array, "..."]:
@@ -75,6 +77,7 @@ def linear_critical_speed(
     return found.speed
 
 
+@guarded(("lowest", "highest"))
 def linear_critical(
     vehicle: Vehicle, *, damper: Damper = PASSIVE, lowest: float = LOWEST, highest: float = HIGHEST
 ) -> LinearCritical:

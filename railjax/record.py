@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .checks import a_path, guarded
 from .csv_columns import Samples, read_columns
 from .errors import InputError
 
@@ -64,6 +65,7 @@ class Record:
         return Record(*(values[samples] for values in columns), dt, self.name, self.notes)
 
 
+@guarded(path=a_path)
 def read_record(
     path: str | Path,
     *,

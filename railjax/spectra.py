@@ -140,7 +140,8 @@ class TableSpectrum:
         table_w, table_s = jnp.asarray(self.wavenumber), jnp.asarray(self.values)
         inside = (w >= table_w[0]) & (w <= table_w[-1])
         within = jnp.where(inside, w, table_w[0])
-        return jnp.where(inside, jnp.exp(jnp.interp(jnp.log(within), jnp.log(table_w), jnp.log(table_s))), 0.0)
+        beyond = jnp.where(jnp.isnan(w + table_w[0] + table_w[-1]), jnp.nan, 0.0)
+        return jnp.where(inside, jnp.exp(jnp.interp(jnp.log(within), jnp.log(table_w), jnp.log(table_s))), beyond)
 
 
 #: columns of a spectrum's file, and the factors of their units to rad/m and m²/(rad/m)

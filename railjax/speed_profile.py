@@ -4,9 +4,15 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from .checks import Range, Rising, positive, traced
+from .errors import InputError
 from .typing import Number, Scalar
+
+#: of a profile, one axis for its points
+SPEEDS = positive("m/s", axes=2, why=": creepage is a ratio to the speed")
 
 
 @jax.tree_util.register_dataclass
@@ -19,6 +25,15 @@ class SpeedProfile:
 
     time: Number
     speed: Number
+
+    def check(self) -> None:
+        """Refuse times that do not rise and speeds that are not positive, where they are known. Raises `InputError`."""
+        if traced(self):
+            return
+        SPEEDS("speed.speed", self.speed)
+        Rising(Range("s"))("speed.time", self.time)
+        if np.shape(self.time)[0] != np.shape(self.speed)[0]:
+            raise InputError(f"speed: {np.shape(self.time)[0]} times and {np.shape(self.speed)[0]} speeds; they must be pairs")
 
     def at(self, time: Float[Array, "..."]) -> Float[Array, "..."]:
         """v(t), m/s, at `time` t, s."""

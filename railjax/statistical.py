@@ -16,9 +16,11 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from .arguments import an_excitation
 from .channels import CHANNELS, check_channel
+from .checks import guarded
 from .contact import flange_force, saturation, saturation_factor
-from .dampers import Bogies, Damper, Seen, check_damper, law_of
+from .dampers import Bogies, Damper, Seen, law_of
 from .deflections import damper_point
 from .errors import InputError, NumericalError
 from .failed_lanes import nan_unless, no_number, without_nan
@@ -26,7 +28,6 @@ from .frequency import POINTS, Excitation, FrequencyResponse, read_channels, res
 from .motion import PASSIVE, Motion, wheelset_shape
 from .precision import require_double_precision
 from .semiactive import BalanceLogic
-from .simulate import check_speed
 from .spectra import LONGEST, SHORTEST
 from .typing import Number, Scalar
 from .units import KMH
@@ -81,6 +82,7 @@ class EquivalentDamper:
         return self.stiffness * travel + self.damping * velocity, internal
 
 
+@guarded(("shortest", "longest"), track=an_excitation)
 def statistical_linearisation(
     vehicle: Vehicle,
     speed: Scalar,
@@ -103,8 +105,6 @@ def statistical_linearisation(
     where the equivalent vehicle is unstable or the iteration does not settle (in a transformation: NaN, and `change`).
     """
     require_double_precision("statistical linearisation")
-    check_speed(speed)
-    check_damper(damper)
     if not memoryless(damper):
         raise InputError(
             f"statistical linearisation takes laws of travel and velocity without memory (PassiveDamper, BalanceLogic without lags), not {type(damper).__name__}"

@@ -120,7 +120,7 @@ class LeastDamping:
 def _least_damping(trees: tuple, lanes: int | None) -> _Least:
     def single(vehicle: Vehicle, speed: Scalar, damper: Damper) -> _Least:
         values = jnp.linalg.eigvals(state_matrix(vehicle, speed, damper))
-        ratio = jnp.where(values.imag > 0, damping_ratios(values), jnp.inf)
+        ratio = jnp.where(values.imag <= 0, jnp.inf, damping_ratios(values))  # NaN stays, and is the least
         least = jnp.argmin(ratio)
         return _Least(ratio[least], values.imag[least] / (2.0 * jnp.pi), jnp.max(values.real))
 

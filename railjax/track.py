@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .checks import guarded
 from .errors import InputError
 from .typing import Number
 
@@ -30,6 +31,7 @@ class Track(Protocol):
         ...
 
 
+@guarded()
 def alignment(track: Track, distance: ArrayLike) -> Distances:
     """Lateral alignment eta in m at any `distance` (m, of any shape) along the track."""
     distance = jnp.asarray(distance, float)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+from .checks import guarded
 from .errors import InputError
 from .failed_lanes import nan_unless
 from .smooth import sqrt_of_square
@@ -24,6 +25,7 @@ THIRD_OCTAVES = tuple(range(-3, 16))
 SPERLING_BAND = tuple(10.0 ** ((n + half) / 10.0) for n, half in ((THIRD_OCTAVES[0], -0.5), (THIRD_OCTAVES[-1], 0.5)))
 
 
+@guarded()
 def weighted_acceleration(acceleration: ArrayLike, sampling_rate: float | int, name: str) -> History:
     """A frequency-weighted acceleration, in the unit of `acceleration`, of shape (samples, *lanes), at rest before it begins.
 
@@ -53,6 +55,7 @@ def _sound(values: History) -> tuple[History, Bool[Array, "*lanes"]]:
     return jnp.where(sound, values, 1.0), sound
 
 
+@guarded()
 def weighted_rms(
     acceleration: ArrayLike, sampling_rate: float | int, name: str = "Wd", settle: float | int = 0.0
 ) -> Float[Array, "*lanes"]:
@@ -60,7 +63,10 @@ def weighted_rms(
 
     The first `settle` seconds are left out after the weighting. Differentiable where the acceleration is not 0 throughout.
     """
-    return rms(weighted_acceleration(acceleration, sampling_rate, name)[round(settle * sampling_rate) :])
+    weighted = weighted_acceleration(acceleration, sampling_rate, name)[round(settle * sampling_rate) :]
+    if not len(weighted):
+        raise InputError(f"settle {settle:g} s leaves nothing of a record of {len(acceleration) / sampling_rate:g} s")
+    return rms(weighted)
 
 
 def rms(values: History) -> Float[Array, "*lanes"]:
@@ -105,6 +111,7 @@ def vibration_dose(weighted: History, sampling_rate: float | int) -> Float[Array
     return nan_unless(sound, scale * (jnp.sum((weighted / scale) ** 4, axis=0) / sampling_rate) ** 0.25)
 
 
+@guarded()
 def sperling_bands(
     acceleration: ArrayLike, sampling_rate: float | int, direction: str = "lateral", exponent: float | int = 1.0 / 6.67
 ) -> Float[Array, "bands *lanes"]:
@@ -134,6 +141,7 @@ def sperling_bands(
     return nan_unless(sound, found.reshape((len(bands), *a.shape[1:])))
 
 
+@guarded()
 def sperling(
     acceleration: ArrayLike,
     sampling_rate: float | int,

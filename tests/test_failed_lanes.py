@@ -121,7 +121,7 @@ def test_other_results(coach, function):
 @pytest.mark.parametrize("bad", [{"contact.friction": np.nan}, {"carbody.mass": np.nan}, {"secondary.stiffness_y": -1e7}])
 def test_statistical_linearisation(coach, bad):
     """A lane without a number, and one that is unstable."""
-    (path, value), = bad.items()
+    ((path, value),) = bad.items()
 
     def one(shared, own):
         vehicle = railjax.replace(coach, primary__stiffness_x=shared * coach.primary.stiffness_x)
