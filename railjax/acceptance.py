@@ -26,7 +26,7 @@ from .acceptance_criteria import (
 from .acceptance_record import RunningRecord, check_record, record_of_run
 from .acceptance_report import one_run, plain, several_runs
 from .acceptance_signals import by_section, filtered, hunting_frequency, sliding_mean, sliding_rms
-from .checks import Kind, guarded
+from .checks import Kind, guarded, whole
 from .errors import InputError
 from .simulate import Simulation
 from .typing import Number
@@ -77,8 +77,11 @@ class Acceptance:
             (each == "exceeded").any(axis=0), "exceeded", np.where((each == "met").all(axis=0), "met", "not determined")
         )
 
+    @guarded(index=whole(0))
     def lane(self, index: int) -> "Acceptance":
         """The result of a single lane, that of number `index`."""
+        if index >= np.size(self.ok):
+            raise InputError(f"index must be below the number of lanes, {np.size(self.ok)}, not {index}")
         findings = {key: Finding(*(np.asarray(a[index]) for a in vars(f).values())) for key, f in self.findings.items()}
         arrays = (self.speed, self.hunting_frequency, self.sections, self.section_length)
         own = (np.asarray(a[index]) for a in arrays)

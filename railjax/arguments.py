@@ -66,10 +66,10 @@ def an_excitation(key: str, value: Any) -> None:
 
 def a_speed(key: str, value: Any) -> None:
     """A number, one per lane, or a profile over time."""
-    from .speed_profile import SpeedProfile
+    from .speed_profile import SpeedProfile, in_order
 
     if isinstance(value, SpeedProfile):
-        value.check()
+        in_order(key, value)
     else:
         SPEED(key, value)
 

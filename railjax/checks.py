@@ -40,8 +40,8 @@ class Range(NamedTuple):
     (lanes, several values). `why` ends the message."""
 
     unit: str = "1"
-    low: float = -math.inf
-    high: float = math.inf
+    low: float | int = -math.inf
+    high: float | int = math.inf
     open: bool = False
     whole: bool = False
     axes: int = 0
@@ -101,7 +101,7 @@ def from_zero(unit: str = "1", **more: Any) -> Range:
     return Range(unit, 0.0, **more)
 
 
-def whole(low: float, high: float = math.inf) -> Range:
+def whole(low: int, high: float | int = math.inf) -> Range:
     """A count."""
     return Range("1", low, high, whole=True)
 
@@ -194,7 +194,7 @@ class Rising(NamedTuple):
 
     of: Range
     fewest: int = 1
-    most: float = math.inf
+    most: float | int = math.inf
 
     def __call__(self, key: str, value: Any) -> None:
         """Refuse what does not rise."""
@@ -212,9 +212,9 @@ def _in_order(low: str, high: str, first: Any, second: Any) -> None:
         raise InputError(f"{low} must be below {high}, not {shown(first)} and {shown(second)}")
 
 
-def guarded(*between: tuple[str, str], **own: Rule) -> Callable[[F], F]:
+def guarded(*between: tuple[str, str], **own: Rule | None) -> Callable[[F], F]:
     """A function whose arguments are checked by the rules of their names (`arguments.ARGUMENTS`), or by its `own`; each pair of
-    names `between` must be in that order. A default passes."""
+    names `between` must be in that order. A default passes, and what has the rule None, which the function checks itself."""
 
     def decorate(function: F) -> F:
         from .arguments import ARGUMENTS

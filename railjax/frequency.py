@@ -22,7 +22,7 @@ from jaxtyping import Array, Complex, Float
 from .along_speed import concrete
 from .arguments import an_excitation
 from .channels import CHANNELS, check_channel
-from .checks import guarded, traced
+from .checks import a_name, guarded, traced
 from .dampers import Damper
 from .deflections import wheelset_positions
 from .errors import InputError, NumericalError
@@ -91,22 +91,30 @@ class FrequencyResponse:
     speed: Number  # m/s
     vehicle_name: str = structure("")
 
+    @guarded(weight=a_name)
     def spectrum(self, channel: str, weight: str | None = None) -> Float[Array, "waves ..."]:
         """One-sided power spectral density of a channel, (unit)^2/Hz, weighted by the `weighting` that `weight` names, if one is given."""
-        return _shares(self.transfer[channel], self.frequency, self.alignment_spectrum, weight)
+        return _shares(self._of(channel), self.frequency, self.alignment_spectrum, weight)
 
     @property
     def alignment_spectrum(self) -> Float[Array, "waves ..."]:
         """One-sided power spectral density of the alignment as the vehicle meets it, m^2/Hz."""
         return _of_frequency(self.excitation.density, self.frequency, as_numbers(self.speed))
 
+    @guarded(weight=a_name)
     def shares(self, channel: str, weight: str | None = None) -> Float[Array, "waves ..."]:
         """What each wave adds to the mean square of a channel, (unit)^2 in SI; `weight` as in `spectrum`."""
-        return _shares(self.transfer[channel], self.frequency, self.excitation.variance, weight)
+        return _shares(self._of(channel), self.frequency, self.excitation.variance, weight)
 
+    @guarded(weight=a_name)
     def rms(self, channel: str, weight: str | None = None) -> Float[Array, "..."]:
         """Root mean square of a channel in its SI unit; with a `weight` ("Wd", ...) weighted."""
-        return _rms(self.transfer[channel], self.frequency, self.excitation.variance, weight)
+        return _rms(self._of(channel), self.frequency, self.excitation.variance, weight)
+
+    def _of(self, channel: str) -> Complex[Array, "waves ..."]:
+        if channel not in self.transfer:
+            raise InputError(f"the response lacks {check_channel(channel)!r}: frequency_response(..., record=[{channel!r}])")
+        return self.transfer[channel]
 
     def __str__(self) -> str:
         speed = np.ravel(np.asarray(self.speed)) * KMH

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .checks import a_path, guarded
+from .checks import a_path, guarded, whole
 from .csv_columns import Samples, read_columns
 from .errors import InputError
 
@@ -52,10 +52,12 @@ class Record:
         """Seconds from the first sample."""
         return np.arange(len(self)) * self.dt
 
+    @guarded(last=whole(1))
     def until(self, last: int) -> "Record":
         """The samples before number `last`."""
         return self._picked(slice(last), self.dt)
 
+    @guarded(stride=whole(1))
     def every(self, stride: int) -> "Record":
         """Every `stride`-th sample: coarser steps over the same motion."""
         return self._picked(slice(None, None, stride), self.dt * stride)

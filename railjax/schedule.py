@@ -59,6 +59,7 @@ class GainSchedule:
     runs: int  # number of runs
     seconds: float  # s
 
+    @guarded(speed=SPEED)
     def at(self, speed: Any) -> Any:
         """α at a speed or speeds (m/s), beyond the ends that of the end."""
         return bernstein(np.asarray(speed, float), self.speeds, len(self.coefficients)) @ self.coefficients

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .checks import guarded, positive
 from .csv_columns import read_columns
 from .errors import InputError
 from .typing import Number, Scalar
@@ -25,6 +26,8 @@ Wavenumbers = Float[Array, "..."] | Float[np.ndarray, "..."] | float
 
 #: the band of the irregularities that act on lateral dynamics, wavelengths in m; shorter ones are corrugation and longer ones layout
 SHORTEST, LONGEST = 2.0, 200.0
+
+WAVENUMBER = positive("rad/m", axes=9)
 
 
 @runtime_checkable
@@ -48,11 +51,13 @@ class ErriSpectrum:
     corner: Number = quantity("rad/m", "Ωc", "wavenumber above which the density falls with the fourth power", 0.8246)
     long_corner: Number = quantity("rad/m", "Ωr", "wavenumber below which the density is flat", 0.0206)
 
+    @guarded(wavenumber=WAVENUMBER)
     def density(self, wavenumber: Wavenumbers) -> Wavenumbers:
         """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         w, c, r = wavenumber**2, self.corner**2, self.long_corner**2
         return self.roughness * c / ((w + r) * (w + c))
 
+    @guarded(("low", "high"), low=WAVENUMBER, high=WAVENUMBER)
     def variance(self, low: Scalar, high: Scalar) -> Float[Array, "..."]:
         """Integral of S from `low` to `high` (rad/m) in m², by partial fractions: A Ωc²/(Ωc² - Ωr²) [atan(Ω/Ωr)/Ωr - atan(Ω/Ωc)/Ωc]."""
         c, r = self.corner, self.long_corner
@@ -73,11 +78,13 @@ class FraSpectrum:
     corner: Number = quantity("rad/m", "Ωc", "wavenumber above which the density falls with the fourth power", 0.8245)
     factor: Number = quantity("1", "k", "factor of the class spectra", 0.25)
 
+    @guarded(wavenumber=WAVENUMBER)
     def density(self, wavenumber: Wavenumbers) -> Wavenumbers:
         """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         w, c = wavenumber**2, self.corner**2
         return self.factor * self.roughness * c / (w * (w + c))
 
+    @guarded(("low", "high"), low=WAVENUMBER, high=WAVENUMBER)
     def variance(self, low: Scalar, high: Scalar) -> Float[Array, "..."]:
         """Integral of S from `low` to `high` (rad/m) in m²: k A [-1/Ω - atan(Ω/Ωc)/Ωc]."""
         low, high = jnp.asarray(low, float), jnp.asarray(high, float)
@@ -134,6 +141,7 @@ class TableSpectrum:
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
+    @guarded(wavenumber=WAVENUMBER)
     def density(self, wavenumber: Wavenumbers) -> Float[Array, "..."]:
         """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         w = jnp.asarray(wavenumber)
@@ -170,6 +178,7 @@ class FormulaSpectrum:
 
     formula: Callable = structure(None)
 
+    @guarded(wavenumber=WAVENUMBER)
     def density(self, wavenumber: Wavenumbers) -> Float[Array, "..."]:
         """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         return jnp.asarray(self.formula(jnp.asarray(wavenumber)))

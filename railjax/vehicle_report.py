@@ -57,6 +57,7 @@ class VehicleReport:
     failed: dict[str, str]
     absent: dict[str, str]
 
+    @guarded()
     def save(self, out: str | Path) -> None:
         """Write the page. Raises `InputError` where it cannot be written."""
         try:
