@@ -74,6 +74,15 @@ def a_speed(key: str, value: Any) -> None:
         SPEED(key, value)
 
 
+def an_acceleration(key: str, value: Any) -> None:
+    """A simulation, records by direction, or one record."""
+    from .simulation import Simulation
+
+    if not isinstance(value, Simulation):
+        for direction, record in value.items() if hasattr(value, "items") else [(key, value)]:
+            Samples("m/s²")(direction, record)
+
+
 def a_state(key: str, value: Any) -> None:
     """The state at the start: coordinates by name, or the whole."""
     for one, number in value.items() if hasattr(value, "items") else [("", value)]:
@@ -90,6 +99,9 @@ ARGUMENTS: dict[str, Rule] = {
     "track": a_track,
     "run": Kind("simulation.Simulation", "what railjax.simulate returns"),
     "response": Kind("frequency.FrequencyResponse", "what railjax.frequency_response returns"),
+    "motion": Kind(
+        "simulation.Simulation limit_cycles.LimitCycle modes.Modes", "a Simulation, a LimitCycle of hunting_branch or Modes"
+    ),
     "hopf": Kind("linear.LinearCritical", "what railjax.linear_critical returns"),
     "quantity": Kind("quantities.Quantity", "one of railjax.objectives"),
     "scatter": Kind("robust.Scatter", "a railjax.Scatter"),

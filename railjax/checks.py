@@ -5,6 +5,7 @@ Only what is known when the function is called: tracers pass, and so does what J
 """
 
 import functools
+import importlib
 import inspect
 import math
 from collections.abc import Callable
@@ -61,11 +62,11 @@ class Range(NamedTuple):
         try:
             array = np.asarray(value)
             wrong = array.dtype.kind not in ("iu" if self.whole else "iuf") or array.ndim > self.axes or not array.size
-            array = array.astype(float)
         except (TypeError, ValueError, OverflowError):
             wrong = True
         if wrong:
             raise InputError(f"{key} must be {self}, not {shown(value)}{self.why}")
+        array = array.astype(float)
         inside = (array > self.low) & (array < self.high) if self.open else (array >= self.low) & (array <= self.high)
         bad = ~(inside & (np.isfinite(array) | (self.infinite & ~np.isnan(array))))
         if np.any(bad):
@@ -107,20 +108,21 @@ def whole(low: int, high: float | int = math.inf) -> Range:
 
 
 class Kind(NamedTuple):
-    """Objects of a class of railjax, "module.Class"; `hint` says where they come from."""
+    """Objects of classes of railjax, "module.Class" each; `hint` says where they come from."""
 
-    path: str
+    paths: str
     hint: str
-    inside: Callable[[str, Any], None] | None = None
 
     def __call__(self, key: str, value: Any) -> None:
-        """Refuse anything else, and what is wrong inside."""
-        module, _, name = self.path.rpartition(".")
-        kind = getattr(__import__(f"{__package__}.{module}", fromlist=[name]), name)
-        if isinstance(value, type) or not isinstance(value, kind):
+        """Refuse anything else."""
+        if isinstance(value, type) or not any(isinstance(value, _class_of(one)) for one in self.paths.split()):
             raise InputError(f"{key} must be {self.hint}, not {shown(value)}")
-        if self.inside is not None:
-            self.inside(key, value)
+
+
+@functools.cache
+def _class_of(path: str) -> type:
+    module, _, name = path.rpartition(".")
+    return getattr(importlib.import_module(f"{__package__}.{module}"), name)
 
 
 class OneOf(NamedTuple):

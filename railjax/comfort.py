@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .arguments import an_acceleration
 from .checks import guarded, positive
 from .deflections import CARBODY_TO_FLOOR, FLOOR_POINTS, lateral_of_carbody
 from .errors import InputError
@@ -147,7 +148,7 @@ class Comfort:
         }
 
 
-@guarded(acceleration=None, sperling_exponent=positive(), sperling_power=positive())
+@guarded(acceleration=an_acceleration, sperling_exponent=positive(), sperling_power=positive())
 def comfort(
     acceleration: ArrayLike | Simulation | Mapping[str, ArrayLike],
     sampling_rate: float | int | None = None,

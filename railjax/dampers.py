@@ -105,6 +105,8 @@ def check_damper(damper: object) -> None:
         if field.name == "law" and value not in ("sharp", "smooth"):
             raise InputError(f"{key} must be 'sharp' or 'smooth', not {value!r}")
         leaves = [] if field.metadata.get("static") else jax.tree.leaves(value)
+        if isinstance(value, (list, dict)) and not leaves:
+            raise InputError(f"{key} must be a number, not {shown(value)}")
         # NumPy, because under `jit` even constants become tracers of jax.numpy
         for leaf in (leaf for leaf in leaves if not isinstance(leaf, jax.core.Tracer)):
             if leaf.__class__ is float and 0.0 < leaf < np.inf:

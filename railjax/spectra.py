@@ -235,6 +235,4 @@ def check_spectrum(of: Spectrum) -> None:
         TableSpectrum.checked(of.wavenumber, of.values)
     elif isinstance(of, ErriSpectrum | FraSpectrum):
         for field in dataclasses.fields(of):
-            value = np.asarray(getattr(of, field.name), float)
-            if not np.all(np.isfinite(value) & (value > 0)):
-                raise InputError(f"spectrum.{field.name} must be positive and finite, not {value}")
+            positive(field.metadata["unit"], axes=1)(f"spectrum.{field.name}", getattr(of, field.name))

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 
 from .arguments import a_speed
-from .checks import a_table, guarded
+from .checks import a_function, a_table, guarded
 from .dampers import Damper, check_damper
 from .design_points import SAMPLED, Blocks, Design, make_design
 from .errors import InputError, NumericalError
@@ -53,7 +53,7 @@ TRIES = 4
 log = logging.getLogger("railjax")
 
 
-@guarded(over=a_table)
+@guarded(over=a_table, study=a_function)
 def sweep(
     study: Callable[..., Any],
     over: Mapping[str, Any],
