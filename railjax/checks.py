@@ -65,17 +65,21 @@ class Range(NamedTuple):
         except (TypeError, ValueError, OverflowError):
             wrong = True
         if wrong:
+            if self.axes == 1 and getattr(value, "ndim", 0) > 1:
+                raise InputError(
+                    f"{key}: an array of shape {value.shape} has more than one axis of lanes; flatten the grid first"
+                )
             raise InputError(f"{key} must be {self}, not {shown(value)}{self.why}")
         array = array.astype(float)
         inside = (array > self.low) & (array < self.high) if self.open else (array >= self.low) & (array <= self.high)
         bad = ~(inside & (np.isfinite(array) | (self.infinite & ~np.isnan(array))))
         if np.any(bad):
             first = array[bad][0]
-            raise InputError(f"{key} must be {self if np.isfinite(first) else 'finite'}, not {first:g}{self.why}")
+            raise InputError(f"{key} must be {self}, not {first:g}{self.why}")
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" ({self.unit})"
-        kind = "a whole number" if self.whole else "a number"
+        kind = "a whole number" if self.whole else "a number" if self.infinite or math.isfinite(self.high) else "a finite number"
         if math.isfinite(self.high):
             return (
                 f"{kind} between {self.low:g} and {self.high:g}{unit}"

@@ -56,7 +56,8 @@ def simulate(
     shared. Lanes run in chunks of `chunk` in number (default: what is quickest) on all devices (`use_all_cores`). Inside `jax.vmap` or `jax.grad` it works as well.
 
     A single run whose dt is beyond what RK4 holds raises `InputError`; in a batch (or inside a transformation) such a lane is
-    marked in `code` and the others are kept. Differentiable in forward and reverse mode (checkpointed), but never
+    marked in `code` and the others are kept. A run that diverges is marked, alone as well: its history tells how. Failed lanes
+    leave the derivatives of what they share with others alone. Differentiable in forward and reverse mode (checkpointed), but never
     differentiate a long hunting run: its phase pollutes the gradient.
     """
     track = TangentTrack() if track is None else track

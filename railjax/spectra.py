@@ -51,7 +51,7 @@ class ErriSpectrum:
     corner: Number = quantity("rad/m", "Ωc", "wavenumber above which the density falls with the fourth power", 0.8246)
     long_corner: Number = quantity("rad/m", "Ωr", "wavenumber below which the density is flat", 0.0206)
 
-    @guarded(wavenumber=WAVENUMBER)
+    @guarded(wavenumber=WAVENUMBER._replace(open=False))
     def density(self, wavenumber: Wavenumbers) -> Wavenumbers:
         """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         w, c, r = wavenumber**2, self.corner**2, self.long_corner**2
@@ -141,7 +141,7 @@ class TableSpectrum:
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
-    @guarded(wavenumber=WAVENUMBER)
+    @guarded(wavenumber=WAVENUMBER._replace(open=False))
     def density(self, wavenumber: Wavenumbers) -> Float[Array, "..."]:
         """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         w = jnp.asarray(wavenumber)
@@ -178,7 +178,7 @@ class FormulaSpectrum:
 
     formula: Callable = structure(None)
 
-    @guarded(wavenumber=WAVENUMBER)
+    @guarded(wavenumber=WAVENUMBER._replace(open=False))
     def density(self, wavenumber: Wavenumbers) -> Float[Array, "..."]:
         """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         return jnp.asarray(self.formula(jnp.asarray(wavenumber)))

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .checks import guarded
 from .critical import Hunting, nonlinear_critical
 from .dampers import Damper
 from .frequency import frequency_response
@@ -202,6 +203,7 @@ class EachPoint:
         return {name: np.stack([np.asarray(entry[name]) for entry in found], axis=-1) for name in found[0]}
 
 
+@guarded()
 def each_point(function: Callable[..., Any] | None = None, *, traced: bool = True) -> EachPoint | Callable[..., EachPoint]:
     """A study (see `sweep`) of a function that is written for one point, whose arguments are then plain numbers.
 
