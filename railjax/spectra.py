@@ -9,14 +9,14 @@ import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .checks import guarded, positive
+from .checks import guarded, positive, shown
 from .csv_columns import read_columns
 from .errors import InputError
 from .typing import Number, Scalar
@@ -198,6 +198,15 @@ NAMED: dict[str, Spectrum] = {
 }
 
 
+def a_source(key: str, value: Any) -> None:
+    """A spectrum or what makes one."""
+    if not isinstance(value, (str, Path, Spectrum)) and not callable(value):
+        raise InputError(
+            f"{key} must be a spectrum: {', '.join(NAMED)}, a .csv file or a function of the wavenumber, not {shown(value)}"
+        )
+
+
+@guarded(source=a_source)
 def spectrum(source: str | Path | Callable | Spectrum) -> Spectrum:
     """The spectrum of a name ("erri-low", "erri-high", "fra-1" to "fra-6"), a CSV file (`TableSpectrum.from_csv`), a function of Ω
     (`FormulaSpectrum`), or itself.

@@ -241,7 +241,7 @@ def test_bad_arguments_are_refused(good, name, key):
 
 def test_unknown_and_missing_arguments_are_type_errors(coach):
     for call in (lambda: railjax.simulate(coach, 40.0, durations=1.0), lambda: railjax.simulate(coach)):
-        with pytest.raises(TypeError, match="durations|speed"):
+        with pytest.raises(TypeError, match=r"durations|speed"):
             call()
 
 
@@ -400,7 +400,7 @@ def test_lanes_of_nan_are_marked(coach):
     """NaN among lanes is how results say that there is none; alone it is refused."""
     lanes = railjax.simulate(railjax.replace(coach, carbody__mass=np.array([3e4, NAN])), 40.0, **SHORT)
     assert [bool(ok) for ok in lanes.ok] == [True, False]
-    assert np.isnan(railjax.linear_critical(railjax.replace(coach, contact__friction=np.array([0.3, NAN]))).speed[1])
+    assert np.isnan(railjax.linear_critical(railjax.replace(coach, carbody__mass=np.array([3e4, NAN]))).speed[1])
 
 
 def test_a_single_run_that_diverges_is_returned_and_marked(coach):
