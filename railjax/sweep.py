@@ -53,7 +53,7 @@ TRIES = 4
 log = logging.getLogger("railjax")
 
 
-@guarded(over=a_table, study=a_function)
+@guarded(over=a_table, study=a_function, progress=None, samples=None)
 def sweep(
     study: Callable[..., Any],
     over: Mapping[str, Any],

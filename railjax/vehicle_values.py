@@ -112,10 +112,10 @@ _FIELDS: dict[str, list[tuple[str, float, Range]]] = {
     part: [
         (
             entry.name,
-            -math.inf if entry.metadata["signed"] else math.nextafter(0.0, 1.0) if entry.metadata["positive"] else 0.0,
+            math.nextafter(0.0, 1.0) if entry.metadata["positive"] else -math.inf,
             Range(
                 entry.metadata["unit"],
-                -math.inf if entry.metadata["signed"] else 0.0,
+                0.0 if entry.metadata["positive"] else -math.inf,
                 open=entry.metadata["positive"],
                 axes=1 + entry.metadata.get("axes", 0),
                 why=f"; it is the {entry.metadata['meaning']}",
@@ -131,7 +131,7 @@ _FIELDS: dict[str, list[tuple[str, float, Range]]] = {
 def check_values(vehicle: Vehicle) -> None:
     """Refuse numbers of a vehicle that have the wrong sign or are none, and what no single number can tell, where they are known.
 
-    A lane that is NaN passes, as results mark it. Raises `InputError`.
+    What may be zero may be negative here, as differences step to both sides of zero; files refuse it. A lane that is NaN passes, as results mark it. Raises `InputError`.
     """
     unknown = False
     for part, fields in _FIELDS.items():
@@ -141,7 +141,9 @@ def check_values(vehicle: Vehicle) -> None:
         values = there.__dict__
         for key, least, allowed in fields:
             value = values[key]
-            if value.__class__ is float and least <= value < math.inf:  # nearly all; the rest would take ten times as long
+            if (
+                value.__class__ is float and least <= value < math.inf and value > -math.inf
+            ):  # nearly all; the rest would take ten times as long
                 continue
             if value is None and part in (*OPTIONAL, "geometry"):
                 continue
@@ -190,7 +192,7 @@ def consistent(parts: dict[str, Any], where: str) -> None:
         _blow_off(parts["lateral_damper"], "lateral_damper", parts["secondary"].damping_y, where)
 
 
-def _blow_off(valve: YawDamper | LateralDamper, part: str, damping: float, where: str) -> None:
+def _blow_off(valve: YawDamper | LateralDamper, part: str, damping: Any, where: str) -> None:
     initial = "yaw_damper.damping" if part == "yaw_damper" else "secondary.damping_y"
     velocity, beyond = valve.blow_off_velocity, valve.damping_beyond
     if (velocity is None) != (beyond is None):

@@ -245,7 +245,7 @@ GOOD = np.random.default_rng(5).normal(size=round(110 * RATE))
         (GOOD, {"weightings": {"lateral": "Wq"}}, "unknown weighting 'Wq'"),
         (GOOD, {"weightings": {"lateral": "sperling-lateral"}}, "is no weighting of ISO 2631-1"),
         (np.full(len(GOOD), 9.81), {}, "the acceleration never changes"),
-        (np.array(3.0), {}, "time along its first axis"),
+        (np.array(3.0), {}, "array of numbers"),
         (GOOD, {"place": 0}, "are for a Simulation"),
     ],
 )
