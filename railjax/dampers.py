@@ -179,11 +179,9 @@ class MaxwellDamper:
         return yaw_damper_force(self.law, element, travel, velocity, internal)
 
     def fault(self) -> str | None:
-        """A valve that is half described, or that hardens."""
+        """A valve that is half described."""
         if (self.blow_off_velocity is None) != (self.damping_beyond is None):
             return "blow_off_velocity and damping_beyond belong together; give both or none"
-        if self.damping_beyond is not None and np.any(np.asarray(self.damping_beyond) > self.damping):
-            return "damping_beyond must not exceed damping, as a valve that opens softens the damper"
         return None
 
     def extremes(self, vehicle: Vehicle) -> tuple["MaxwellDamper", ...]:

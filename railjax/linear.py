@@ -103,8 +103,7 @@ def _found(lanes: int | None, trees: tuple, lowest: Scalar, highest: Scalar) -> 
 @_found.defjvp
 def _derivative(lanes: int | None, primals: tuple, tangents: tuple) -> tuple:
     found, crossing = _found(lanes, *primals)
-    rates = _rates(lanes, without_nan(primals[0]), tangents[0], _held(crossing))
-    speed, omega, frequency = (jnp.where(found.code == Stability.OK, rate, 0.0) for rate in rates)
+    speed, omega, frequency = _rates(lanes, primals[0], tangents[0], _held(crossing), found.code)
     of_found, of_crossing = jax.tree.map(jnp.zeros_like, (found, crossing))
     of_found = of_found._replace(speed=speed, frequency=frequency, code=np.zeros(found.code.shape, jax.dtypes.float0))
     return (found, crossing), (of_found, of_crossing._replace(speed=speed, omega=omega))
@@ -112,7 +111,7 @@ def _derivative(lanes: int | None, primals: tuple, tangents: tuple) -> tuple:
 
 @functools.partial(jax.jit, static_argnames="lanes")
 def _rates(
-    lanes: int | None, trees: tuple, moved: tuple, at: Crossing
+    lanes: int | None, trees: tuple, moved: tuple, at: Crossing, code: Int[Array, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
     """Of speed, omega and frequency. Implicit function: Re(dlambda + lambda_v dv) = 0 with dlambda = w^T dE x for right and left
     vectors with w^T x = 1."""
@@ -122,9 +121,11 @@ def _rates(
             return _rayleigh(*trees, at)
         return each_lane(_rayleigh, (*trees, at), (*_axes(trees), Crossing(0, 0, 0, 1, 1)))
 
-    change = jax.jvp(eigenvalue, (trees,), (moved,))[1]
+    change = jax.jvp(eigenvalue, (without_nan(trees),), (moved,))[1]
     speed = -change.real / at.by_speed.real
     omega = change.imag + at.by_speed.imag * speed
+    found = code == Stability.OK
+    speed, omega = jnp.where(found, speed, 0.0), jnp.where(found, omega, 0.0)
     return speed, omega, omega / (2.0 * jnp.pi)
 
 

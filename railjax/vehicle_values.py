@@ -198,7 +198,8 @@ def _blow_off(valve: YawDamper | LateralDamper, part: str, damping: Any, where: 
     if (velocity is None) != (beyond is None):
         given, missing = ("blow_off_velocity", "damping_beyond") if beyond is None else ("damping_beyond", "blow_off_velocity")
         raise InputError(f"{where}: {part}.{given} also needs {part}.{missing}")
-    if beyond is not None and _any(beyond > damping):
+    # Python's vehicles may be scattered beyond it
+    if beyond is not None and where != "vehicle" and _any(beyond > damping):
         raise InputError(f"{where}: {part}.damping_beyond must not exceed {initial}, as a valve that opens softens the damper")
     if isinstance(valve, YawDamper) and valve.series_stiffness is not None and beyond is not None and _any(beyond == 0.0):
         raise InputError(f"{where}: yaw_damper.damping_beyond must be positive beside series_stiffness, which would run away")
