@@ -26,6 +26,7 @@ from .acceptance_criteria import (
 from .acceptance_record import RunningRecord, check_record, record_of_run
 from .acceptance_report import one_run, plain, several_runs
 from .acceptance_signals import by_section, filtered, hunting_frequency, sliding_mean, sliding_rms
+from .checks import Kind, guarded, whole
 from .errors import InputError
 from .simulate import Simulation
 from .typing import Number
@@ -76,8 +77,11 @@ class Acceptance:
             (each == "exceeded").any(axis=0), "exceeded", np.where((each == "met").all(axis=0), "met", "not determined")
         )
 
+    @guarded(index=whole(0))
     def lane(self, index: int) -> "Acceptance":
         """The result of a single lane, that of number `index`."""
+        if index >= np.size(self.ok):
+            raise InputError(f"index must be below the number of lanes, {np.size(self.ok)}, not {index}")
         findings = {key: Finding(*(np.asarray(a[index]) for a in vars(f).values())) for key, f in self.findings.items()}
         arrays = (self.speed, self.hunting_frequency, self.sections, self.section_length)
         own = (np.asarray(a[index]) for a in arrays)
@@ -108,6 +112,7 @@ def default_section(speed: Number) -> Values:
     return np.where(np.asarray(speed) * KMH > 220.0 + 1e-9, 500.0, 250.0)
 
 
+@guarded()
 def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1.0, **options: Any) -> Acceptance:
     """Assess a simulated run, or every lane of a batch: `acceptance_of_record`, with its options such as
     `prudhomme_factor`, a number, with the vehicle's axle load and bogie mass.
@@ -120,6 +125,7 @@ def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1
     return acceptance_of_record(record_of_run(vehicle, run), **given, **options)
 
 
+@guarded(record=Kind("acceptance_record.RunningRecord", "a railjax.RunningRecord"))
 def acceptance_of_record(
     record: RunningRecord,
     *,
@@ -232,7 +238,7 @@ def _assess(criterion: Criterion, signals: dict[str, Values], frame: _Frame, f0:
 def _finding(criterion: Criterion, found: Values, given: Given, enough: Bool[np.ndarray, "..."]) -> Finding:
     value, largest, part, position = found
     limit = np.broadcast_to(np.asarray(criterion.limit(given), float), value.shape)
-    determined = (enough | (criterion.statistic == "sliding rms")) & np.isfinite(value)
+    determined = (enough | (criterion.statistic == "sliding rms")) & np.isfinite(value) & np.isfinite(limit)
     beyond = np.where(determined, value, largest) > limit
     verdict = np.where(beyond, "exceeded", np.where(determined, "met", "not determined"))
     return Finding(value, limit, largest, np.nan_to_num(part).astype(int), position, verdict)

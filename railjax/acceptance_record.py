@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .acceptance_criteria import PLACES, SAMPLING
+from .checks import guarded
 from .deflections import deflections, layout
 from .errors import InputError
 from .simulate import Simulation
@@ -41,6 +42,7 @@ class RunningRecord:
         return any(np.ndim(getattr(self, name)) > 2 for name in PLACES)
 
 
+@guarded()
 def acceptance_channels(vehicle: Vehicle) -> tuple[str, ...]:
     """The channels that `acceptance` reads of a run of this vehicle: `simulate(..., record=acceptance_channels(vehicle))`."""
     groups = layout(vehicle)

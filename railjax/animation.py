@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from .checks import guarded
 from .courses import (
     PERIOD_FRAMES,
     RATE,
@@ -68,6 +69,7 @@ def check_name(out: Path) -> None:
         raise InputError(f"{out}: there is no ffmpeg to write .mp4 with; install it, or write a .gif or .html")
 
 
+@guarded()
 def animate(
     vehicle: Vehicle,
     motion: Simulation | LimitCycle | Modes,

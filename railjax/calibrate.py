@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .checks import a_table, guarded
 from .critical import Hunting, default_wheelset, enough_steps, nonlinear_critical
 from .dampers import Damper
 from .errors import InputError, NumericalError
@@ -57,6 +58,7 @@ class Calibration:
         return "\n".join([*lines, f"  condition {self.condition:.3g}"])
 
 
+@guarded(fit=a_table, to=a_table, start=a_table)
 def calibrate(
     vehicle: Vehicle,
     fit: dict[str, tuple[str, ...] | str],
@@ -108,7 +110,7 @@ def calibrate(
         max_nfev=MOST_TRIALS,
     )
     residuals = solution.fun * wanted
-    if solution.status == 0 or (len(fit) == len(to) and np.max(np.abs(solution.fun)) > MET):
+    if solution.status == 0 or (len(fit) == len(to) and not np.max(np.abs(solution.fun)) <= MET):
         missed = ", ".join(f"{name} {value + error:.6g}" for (name, value), error in zip(to.items(), residuals, strict=True))
         raise NumericalError(f"calibrate did not reach its results; nearest: {missed}; try another start or wider bounds")
     factors = dict(zip(fit, np.exp(solution.x).tolist(), strict=True))

@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .arguments import an_acceleration
+from .checks import guarded, positive
 from .comfort_result import DIRECTIONS, Comfort
 from .deflections import CARBODY_TO_FLOOR, FLOOR_POINTS, lateral_of_carbody
 from .errors import InputError
@@ -43,6 +45,7 @@ LOWEST_RATE = 100.0
 CHANNELS_OF_COMFORT = ("floor_acceleration", "carbody_acceleration")
 
 
+@guarded(acceleration=an_acceleration, sperling_exponent=positive(), sperling_power=positive())
 def comfort(
     acceleration: ArrayLike | Simulation | Mapping[str, ArrayLike],
     sampling_rate: float | int | None = None,
@@ -155,6 +158,8 @@ def _report(
     notes = []
     if mean and blocks < FULL_TEST:
         notes.append(f"N_MV is of {blocks} blocks of 5 s; a full test has {FULL_TEST} (5 min)")
+    if not np.all(ok):
+        notes.append(f"{np.sum(~np.asarray(ok))} of {np.size(ok)} lane(s) failed in the simulation and are left out")
     for direction, record in records.items():
         values = _measured(record, sampling_rate, names[direction], direction, skip, mean, exponents)
         for key, value in values.items():
@@ -245,6 +250,7 @@ def _checked(direction: str, values: ArrayLike, ok: np.ndarray | bool) -> Float[
     return record
 
 
+@guarded()
 def floor_acceleration(
     run: Simulation, along: Scalar = 0.0, height: Scalar = -CARBODY_TO_FLOOR
 ) -> Float[Array, "samples *lanes"]:

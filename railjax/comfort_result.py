@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
+from .failed_lanes import ends
 from .ride_indices import FLOOR
 from .vibration import THIRD_OCTAVES
 
@@ -97,7 +98,8 @@ class Comfort:
             lines.append(f"    MTVV {span(self.running[direction])} m/s^2, VDV {span(self.dose[direction])} m/s^1.75")
             lines.append(f"    crest factor {span(self.crest[direction])}")
             if direction in self.sperling:
-                worst = np.unravel_index(np.nanargmax(self.sperling_bands[direction]), self.sperling_bands[direction].shape)[0]
+                by_band = np.nan_to_num(self.sperling_bands[direction], nan=-1.0)
+                worst = np.unravel_index(np.argmax(by_band), by_band.shape)[0]
                 exponent, power = self.sperling_exponents
                 lines.append(
                     f"    Sperling Wz: {span(self.sperling[direction])}, most at {10 ** (THIRD_OCTAVES[worst] / 10):.3g} Hz "
@@ -147,7 +149,8 @@ def span(values: ArrayLike) -> str:
     flat = np.ravel(values)
     if flat.size <= 4:
         return ", ".join(f"{value:.4g}" for value in flat)
-    return f"{np.nanmin(flat):.4g} to {np.nanmax(flat):.4g}"
+    low, high = ends(flat)
+    return f"{low:.4g} to {high:.4g}"
 
 
 def words(values: ArrayLike, scale: tuple) -> str:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .checks import guarded
 from .dampers import Damper
 from .deflections import layout, split, wheelset_positions
 from .errors import InputError, NumericalError
@@ -43,6 +44,7 @@ class Course(NamedTuple):
     scaled: bool = True  # whether amplitudes mean anything
 
 
+@guarded()
 def animation_channels(vehicle: Vehicle) -> tuple[str, ...]:
     """What `simulate` must record for `animate`: all lateral displacements and yaw angles, and the track's alignment."""
     return (*seen_coordinates(vehicle), "alignment")

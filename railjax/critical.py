@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .checks import guarded
 from .continuation import wheelset_mode
 from .dampers import Damper
 from .errors import InputError, NumericalError
@@ -49,6 +50,7 @@ class NonlinearCritical(NamedTuple):
     code: Int[Array, "..."]
 
 
+@guarded()
 def nonlinear_critical_speed(
     vehicle: Vehicle, *, damper: Damper = PASSIVE, wheelset: int | None = None, steps: int | None = None
 ) -> Float[Array, "..."]:
@@ -81,6 +83,7 @@ def refuse(code: Int[Array, ""]) -> None:
         raise NumericalError(f"no nonlinear critical speed: {reason}")
 
 
+@guarded()
 def nonlinear_critical(
     vehicle: Vehicle, *, damper: Damper = PASSIVE, wheelset: int | None = None, steps: int | None = None
 ) -> NonlinearCritical:

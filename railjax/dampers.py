@@ -15,6 +15,7 @@ It may have more, where the law needs it:
   a stage would destroy the order. It is called at the start and after every step, and must not change what it gave itself;
   `railjax.sampling` holds a decision over a sample time of the controller's own;
 * `extremes(vehicle)`: laws, linear at rest, that bound the rates of its motion where its own linearisation at rest does not;
+* `fault()`: what is wrong with its numbers together, as the end of a message, or None; single ones are checked without it;
 * `even_states`: indices of the internal states that have no side (a valve's opening, not a force), for limit cycles.
 """
 
@@ -27,6 +28,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from .checks import shown, traced
 from .deflections import Groups
 from .elements import blow_off_force, yaw_damper_force
 from .errors import InputError
@@ -105,8 +107,16 @@ def check_damper(damper: object) -> None:
         if field.name == "law" and value not in ("sharp", "smooth"):
             raise InputError(f"{key} must be 'sharp' or 'smooth', not {value!r}")
         leaves = [] if field.metadata.get("static") else jax.tree.leaves(value)
+        if isinstance(value, (list, dict)) and not leaves:
+            raise InputError(f"{key} must be a number, not {shown(value)}")
         # NumPy, because under `jit` even constants become tracers of jax.numpy
-        for array in (np.asarray(leaf, float) for leaf in leaves if not isinstance(leaf, jax.core.Tracer)):
+        for leaf in (leaf for leaf in leaves if not isinstance(leaf, jax.core.Tracer)):
+            if leaf.__class__ is float and 0.0 < leaf < np.inf:
+                continue
+            try:
+                array = np.asarray(leaf, float)
+            except (TypeError, ValueError):
+                raise InputError(f"{key} must be a number, not {shown(value)}") from None
             if not np.all(np.isfinite(array)):
                 raise InputError(f"{key} must be finite, not {value}")
             if np.any(array < 0.0) and np.ndim(value) < 2 and not dataclasses.is_dataclass(value):
@@ -115,6 +125,9 @@ def check_damper(damper: object) -> None:
                 ("_lag", "_width", "sample_time", "series_stiffness", "damping_beyond")
             ):
                 raise InputError(f"{key} must be positive, not {value}")
+    fault = damper.fault() if hasattr(damper, "fault") and not traced(damper) else None
+    if fault:
+        raise InputError(f"damper: {fault}")
 
 
 @jax.tree_util.register_dataclass
@@ -168,6 +181,12 @@ class MaxwellDamper:
             self.damping, 1.0, self.blow_off_velocity, self.damping_beyond, self.series_stiffness, self.blow_off_width
         )
         return yaw_damper_force(self.law, element, travel, velocity, internal)
+
+    def fault(self) -> str | None:
+        """A valve that is half described."""
+        if (self.blow_off_velocity is None) != (self.damping_beyond is None):
+            return "blow_off_velocity and damping_beyond belong together; give both or none"
+        return None
 
     def extremes(self, vehicle: Vehicle) -> tuple["MaxwellDamper", ...]:
         """Beyond blow-off the dashpot yields at the rate k/c_b."""

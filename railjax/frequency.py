@@ -20,16 +20,18 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from .along_speed import concrete
+from .arguments import an_excitation
 from .channels import CHANNELS, check_channel
-from .dampers import Damper, check_damper
+from .checks import a_name, guarded, traced
+from .dampers import Damper
 from .deflections import wheelset_positions
 from .errors import InputError, NumericalError
+from .failed_lanes import ends, nan_unless, no_number, without_nan
 from .kernels import eig
 from .lanes import count_lanes, each_lane, own_axes
 from .motion import PASSIVE, Motion, linearised, state_rate, state_size, wheelset_shape
 from .precision import require_double_precision
 from .sampled_track import SampledTrack
-from .simulate import check_speed
 from .smooth import sqrt_of_square
 from .spectra import LONGEST, SHORTEST, Spectrum, spectrum
 from .typing import Number, Scalar
@@ -63,6 +65,12 @@ def excitation(of: Spectrum, shortest: Scalar = SHORTEST, longest: Scalar = LONG
     weights[:3] = weights[:-4:-1] = (3.0 / 8.0, 7.0 / 6.0, 23.0 / 24.0)
     wavenumber = xp.exp(logarithm)
     density = of.density(wavenumber)
+    if not traced(density):
+        known = np.asarray(density)
+        bad = np.flatnonzero(~(np.isfinite(known) & (known >= 0.0)))
+        if known.shape != (points,) or bad.size:
+            what = f"at {wavenumber[bad[0]]:.4g} rad/m it is {known[bad[0]]:g}" if bad.size else f"not of shape {known.shape}"
+            raise InputError(f"the spectrum's density must be finite and not negative, one value per wavenumber; {what}")
     waves = wavenumber, density * wavenumber * weights * (logarithm[1] - logarithm[0]), density
     return Excitation(*(jax.device_put(as_numbers(wave)) for wave in waves))
 
@@ -83,32 +91,40 @@ class FrequencyResponse:
     speed: Number  # m/s
     vehicle_name: str = structure("")
 
+    @guarded(weight=a_name)
     def spectrum(self, channel: str, weight: str | None = None) -> Float[Array, "waves ..."]:
         """One-sided power spectral density of a channel, (unit)^2/Hz, weighted by the `weighting` that `weight` names, if one is given."""
-        return _shares(self.transfer[channel], self.frequency, self.alignment_spectrum, weight)
+        return _shares(self._of(channel), self.frequency, self.alignment_spectrum, weight)
 
     @property
     def alignment_spectrum(self) -> Float[Array, "waves ..."]:
         """One-sided power spectral density of the alignment as the vehicle meets it, m^2/Hz."""
         return _of_frequency(self.excitation.density, self.frequency, as_numbers(self.speed))
 
+    @guarded(weight=a_name)
     def shares(self, channel: str, weight: str | None = None) -> Float[Array, "waves ..."]:
         """What each wave adds to the mean square of a channel, (unit)^2 in SI; `weight` as in `spectrum`."""
-        return _shares(self.transfer[channel], self.frequency, self.excitation.variance, weight)
+        return _shares(self._of(channel), self.frequency, self.excitation.variance, weight)
 
+    @guarded(weight=a_name)
     def rms(self, channel: str, weight: str | None = None) -> Float[Array, "..."]:
         """Root mean square of a channel in its SI unit; with a `weight` ("Wd", ...) weighted."""
-        return _rms(self.transfer[channel], self.frequency, self.excitation.variance, weight)
+        return _rms(self._of(channel), self.frequency, self.excitation.variance, weight)
+
+    def _of(self, channel: str) -> Complex[Array, "waves ..."]:
+        if channel not in self.transfer:
+            raise InputError(f"the response lacks {check_channel(channel)!r}: frequency_response(..., record=[{channel!r}])")
+        return self.transfer[channel]
 
     def __str__(self) -> str:
         speed = np.ravel(np.asarray(self.speed)) * KMH
         span = f"{speed[0]:.1f}" if speed.min() == speed.max() else f"{speed.min():.1f} to {speed.max():.1f}"
         lines = [f"Linear forced response of {self.vehicle_name or 'a vehicle'} at {span} km/h, {len(self.frequency)} waves"]
         for name in self.transfer:
-            values = np.asarray(self.rms(name))
-            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            values = self.rms(name)
+            low, high = ends(values)
             lines.append(f"  rms {name}: {low:.4g}" + ("" if low == high else f" to {high:.4g}") + f" {CHANNELS[name].unit}")
-        unstable = int(np.sum(np.asarray(self.growth) >= 0.0))
+        unstable = int(np.sum(~(np.asarray(self.growth) < 0.0)))
         if unstable:
             lines.append(f"  unstable, without a stationary response: {unstable} of {self.growth.size} lane(s)")
         return "\n".join(lines)
@@ -133,6 +149,7 @@ class FrequencyResponse:
         return xarray.Dataset(variables, coordinates, {"vehicle": self.vehicle_name})
 
 
+@guarded(("shortest", "longest"), track=an_excitation)
 def frequency_response(
     vehicle: Vehicle,
     speed: Scalar,
@@ -155,8 +172,6 @@ def frequency_response(
     unstable at this speed it raises `NumericalError`; in a batch or transformation such a lane is NaN. Needs double precision.
     """
     require_double_precision("the frequency response")
-    check_speed(speed)
-    check_damper(damper)
     record = tuple(check_channel(name) for name in record)
     waves = waves_of(track, shortest, longest, points)
     frequency, transfer, growth = transfers(vehicle, speed, waves.wavenumber, damper, record)
@@ -214,10 +229,13 @@ def read_channels(record: tuple[str, ...], instant: Motion) -> dict[str, Float[A
 
 def respond(vehicle: Vehicle, speed: Scalar, wavenumber: Float[Array, "waves"], damper: Damper, read, *, flange: bool = False):
     """`transfers` for any dict of quantities that `read` takes from a `Motion`; with `flange` as in `linearised`."""
-    states = state_size(vehicle, damper)
+    states, sound = state_size(vehicle, damper), ~no_number((vehicle, speed, wavenumber, damper))
+    vehicle, speed, wavenumber, damper = without_nan((vehicle, speed, wavenumber, damper))
     rates, outputs = linearised(
         vehicle, speed, damper, lambda instant: (state_rate(vehicle, instant), read(instant)), flange=flange
     )
+    sound &= jnp.all(jnp.isfinite(rates))
+    rates = jnp.where(sound, rates, -jnp.eye(*rates.shape))
     positions = wheelset_positions(vehicle, jnp.zeros(wheelset_shape(vehicle))).reshape(-1)
     delays = jnp.exp(1j * wavenumber * positions[:, None])  # (wheelsets, waves)
     response, growth = resolvent(rates[:, :states], wavenumber * speed, rates[:, states:] @ delays)
@@ -225,9 +243,8 @@ def respond(vehicle: Vehicle, speed: Scalar, wavenumber: Float[Array, "waves"], 
     def of(columns: Float[Array, "... columns"]) -> Complex[Array, "waves ..."]:
         return jnp.moveaxis(columns[..., :states] @ response + columns[..., states:] @ delays, -1, 0)
 
-    transfer = jax.tree.map(of, outputs)
-    transfer = jax.tree.map(lambda values: jnp.where(growth < 0.0, values, jnp.nan), transfer)
-    return wavenumber * speed / (2.0 * jnp.pi), transfer, growth
+    transfer = nan_unless(sound & (growth < 0.0), jax.tree.map(of, outputs))
+    return (*nan_unless(sound, (wavenumber * speed / (2.0 * jnp.pi),)), transfer, nan_unless(sound, growth))
 
 
 def resolvent(

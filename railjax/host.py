@@ -55,6 +55,7 @@ class HostFunction:
         own = jax.tree.leaves(self.own(tree))
         floats = [k for k, leaf in enumerate(leaves) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating)]
         moved = sum(jnp.sum(slope * changes[k], axis=tuple(range(own[k]))) for slope, k in zip(slopes, floats, strict=True))
+        moved = jnp.where(jnp.isfinite(values[0]), moved, 0.0)  # a lane without a value spoils no derivative of what is shared
         still = (
             jnp.zeros_like(v) if jnp.issubdtype(v.dtype, jnp.floating) else np.zeros(v.shape, jax.dtypes.float0)
             for v in values[1:]

@@ -12,6 +12,7 @@ import numpy as np
 
 from . import attractors, continuation, linear
 from .along_speed import both_at
+from .checks import guarded
 from .critical import default_wheelset, search_of
 from .dampers import Damper
 from .errors import InputError, NumericalError
@@ -52,6 +53,7 @@ def follow(
         yield point, continuation.fold_between(model, shooting, before, point) if folded else None
 
 
+@guarded()
 def hunting_branch(
     vehicle: Vehicle,
     *,

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from . import bouc_wen
 from .bouc_wen import BoucWen
+from .checks import FLAG, Kind, Range, guarded, whole
 from .damper_fit import (
     Choice,
     Problem,
@@ -42,6 +43,14 @@ Method = Literal["levenberg-marquardt", "adam"]
 VoltageLaw = Literal["saturating", "linear"]
 
 
+@guarded(
+    record=Kind("record.Record", "a railjax.Record"),
+    starts=whole(1),
+    iterations=whole(1),
+    fit_share=Range("1", 0.1, 0.95),
+    evolution=FLAG,
+    inertia=FLAG,
+)
 def identify_damper(
     record: Record | Sequence[Record],
     *,

@@ -1,7 +1,6 @@
 """Runge-Kutta 4: bursts of steps and samples of bursts, in checkpointed `lax.scan`s for what is transformed (`run`), in loops of any
 length for what is not (`advance`); channels read off states (`read`)."""
 
-import functools
 import math
 from collections.abc import Callable
 from math import isqrt
@@ -14,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .channels import CHANNELS, parse_reduction, rows_of_motion, shape_of
 from .dampers import Damper
 from .deflections import layout, size, wheelset_positions
+from .failed_lanes import nan_unless, no_number, without_nan
 from .kernels import fence
 from .lanes import own_axes
 from .motion import Motion, held, motion, state_rate
@@ -95,11 +95,11 @@ class _Stepper:
 
     def __init__(
         self, vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, x: State, dt: Scalar, settle: Scalar, burst: int,
-        reduce: tuple[str, ...], looped: bool,
+        reduce: tuple[str, ...], looped: bool, straight: Array | None = None,
     ) -> None:  # fmt: skip
         self.vehicle, self.damper, self.dt, self.settle, self.looped = vehicle, damper, dt, settle, looped
         like = jnp.zeros((*layout(vehicle)["wheelset_y"], *x.shape[1:]), x.dtype)
-        self.inputs = _inputs(vehicle, speed, track, like, dt, burst)
+        self.inputs = _inputs(vehicle, speed, track, like, dt, burst, straight)
         self.slowness = None if isinstance(speed, SpeedProfile) else 1.0 / jnp.asarray(speed, x.dtype)
         self.reductions = [parse_reduction(name) for name in reduce]
 
@@ -155,16 +155,17 @@ class _Stepper:
 def _no_number(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, *rest: Scalar) -> Bool[Array, "..."]:
     """Whether a parameter is not a number. It also gives each one a use: XLA aborts on an argument of its kernel that it can do without."""
     axes = (*parameter_axes(vehicle, damper, speed, track), *(0 for _ in rest))
-    found = [
-        jnp.any(jnp.isnan(leaf), axis=tuple(range(own)))
-        for leaf, own in zip(jax.tree.leaves((vehicle, damper, speed, track, *rest)), jax.tree.leaves(axes), strict=True)
-    ]
-    return functools.reduce(jnp.logical_or, found)
+    return no_number((vehicle, damper, speed, track, *rest), axes)
 
 
 def _within(parts: list[Array]) -> Bool[Array, "..."]:
     """False for NaN as well."""
     return jnp.max(jnp.abs(parts[0]), axis=0) < DIVERGED
+
+
+def _sound(parts: list[Array]) -> Bool[Array, "..."]:
+    """Whether a run can begin there: no number whose square is too large."""
+    return _within(parts) & (jnp.max(jnp.abs(parts[1]), axis=0) < FASTEST) & jnp.all(jnp.isfinite(parts[2]), axis=0)
 
 
 def run(
@@ -176,36 +177,54 @@ def run(
     dt: Scalar,
     settle: Scalar,
     plan: Plan,
+    holds: Bool[Array, "..."] | None = None,
 ) -> Run:
     """Integrate from state x; every leaf may carry trailing lanes. `settle` seconds are left out of the reductions.
 
-    For what is transformed: differentiable in reverse mode, a length compiled on its own.
+    For what is transformed: differentiable in reverse mode, a length compiled on its own. A lane without a number or from far beyond
+    the model's motions is NaN, one that leaves them is so from then on. Given where the step `holds`, a lane that fails for any of
+    these reasons spoils no derivative of what is shared; without derivatives it is not worth the wait.
     """
     burst = burst_of(plan.every)
     bursts = plan.every // burst
-    stepper = _Stepper(vehicle, damper, speed, track, x, dt, settle, burst, plan.reduce, looped=False)
+    n = size(vehicle)
+    sound = ~_no_number(vehicle, damper, speed, track, dt, settle) & _sound([x[:n], x[n : 2 * n], x[2 * n :]])
+    guarded = holds is not None
+    if guarded:
+        # a failed lane stays at rest on straight track, where all is finite whatever its parameters
+        sound &= holds
+        vehicle, damper, speed, track = without_nan((vehicle, damper, speed, track))
+        x = jnp.where(sound, x, 0.0)
+    straight = ~sound if guarded else None
+    stepper = _Stepper(vehicle, damper, speed, track, x, dt, settle, burst, plan.reduce, looped=False, straight=straight)
 
     def several_steps(carry: Carry, index: Array) -> tuple[Carry, None]:
         return stepper.steps(carry, index), None
 
-    def sample(carry: Carry, index: Array) -> tuple[Carry, tuple[dict[str, Array], Array]]:
-        record = stepper.sample(plan.record, index * bursts, jnp.concatenate(carry[0])) if plan.record else {}
-        within = _within(carry[0])
+    def sample(state: tuple[Carry, Array], index: Array) -> tuple[tuple[Carry, Array], dict[str, Array]]:
+        (parts, sums), sound = state
+        record = stepper.sample(plan.record, index * bursts, jnp.concatenate(parts)) if plan.record else {}
+        record, within = nan_unless(sound, record), _within(parts)
+        if guarded:  # what has left the model's motions goes on from rest, or it would end in numbers that are none
+            parts = [jnp.where(within, part, 0.0) for part in parts]
+        carry: Carry = parts, sums
         carry, _ = jax.lax.scan(several_steps, carry, index * bursts + jnp.arange(bursts))
-        return carry, (record, ~within)
+        return (carry, sound & within), record
 
-    def block(carry: Carry, indices: Array) -> tuple[Carry, tuple[dict[str, Array], Array]]:
-        return jax.lax.scan(sample, carry, indices)
+    def block(state: tuple[Carry, Array], indices: Array) -> tuple[tuple[Carry, Array], dict[str, Array]]:
+        return jax.lax.scan(sample, state, indices)
 
     if plan.samples * plan.every * x.size * x.dtype.itemsize > KEPT_BYTES:
         block = jax.checkpoint(block)
     # two levels of about the same length, so that reverse mode keeps only the square root of the samples
     per_block = largest_divisor(plan.samples, max(1, isqrt(plan.samples)))
     indices = jnp.arange(plan.samples).reshape(-1, per_block)
-    (parts, sums), (records, outside) = jax.lax.scan(block, (stepper.start(x), stepper.zeros(x)), indices)
+    begun = (stepper.start(x), stepper.zeros(x)), sound
+    ((parts, sums), sound), records = jax.lax.scan(block, begun, indices)
     records = {name: value.reshape((plan.samples, *value.shape[2:])) for name, value in records.items()}
     totals = stepper.totals(plan.reduce, sums, plan.samples * plan.every, x.dtype)
-    return Run(records, totals, jnp.concatenate(parts), jnp.any(outside, axis=(0, 1)) | ~_within(parts))
+    totals, x = nan_unless(sound, (totals, jnp.concatenate(parts)))
+    return Run(records, totals, x, ~(sound & _within(parts)))
 
 
 def advance(
@@ -284,6 +303,8 @@ STATES = "states"
 
 #: metres or radians beyond which the small displacements of the model have lost their meaning
 DIVERGED = 1.0
+#: m/s or rad/s with which no run begins; with more, squares and their like are no numbers before a displacement is seen to be too large
+FASTEST = 1e6
 
 
 def _accumulate(how: str, total: Array, value: Array, counted: Array) -> Array:
@@ -299,9 +320,10 @@ def _finish(how: str, total: Array, count: Array) -> Array:
 
 
 def _inputs(
-    vehicle: Vehicle, speed: Speed, track: Track, like: Float[Array, "n m *lanes"], dt: Scalar, burst: int
+    vehicle: Vehicle, speed: Speed, track: Track, like: Float[Array, "n m *lanes"], dt: Scalar, burst: int, straight: Array | None
 ) -> Callable[[Array], tuple[Inputs, Array]]:
-    """Track and speed over the steps of a burst: at the start, the middle and the end of each, and the time of its start.
+    """Track and speed over the steps of a burst: at the start, the middle and the end of each, and the time of its start. The track is
+    without irregularity in lanes that have it `straight`.
 
     Leaves have the shape (burst, 3, ...)."""
     positions = wheelset_positions(vehicle, like)
@@ -311,7 +333,8 @@ def _inputs(
         column = halves.reshape((-1,) + (1,) * like.ndim)
         positions = speed * (column * dt) + positions
     # sampled once for all that use it
-    seen = fence(track.seen_from(positions))
+    rough = track.seen_from(positions)
+    seen = fence(rough if straight is None else lambda start: jnp.where(straight, 0.0, rough(start)))
 
     def sampled(index: Array) -> Inputs:
         if varying:

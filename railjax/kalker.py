@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .checks import guarded, traced
+from .errors import InputError
 from .typing import Scalar
 
 STEEL_YOUNG = 2.1e11  # Pa
@@ -69,11 +71,12 @@ class CreepCoefficients(NamedTuple):
     creep_spin: Float[Array, "..."]
 
 
+@guarded()
 def kalker_coefficients(ratio: Scalar, poisson: Scalar = STEEL_POISSON) -> KalkerCoefficients:
     """Kalker's table at a/b = `ratio` and Poisson's ratio `poisson` (0 to 0.5); exact at the table's entries.
 
-    Linear in log(a/b) between rows, through the three columns by Lagrange's parabola in nu. Outside 0.1 < a/b < 10 the
-    end rows are kept.
+    Linear in log(a/b) between rows, through the three columns by Lagrange's parabola in nu. A ratio outside of 0.1 to 10, where the
+    table ends, is refused; inside a transformation, where it is not known, the end rows are kept.
     """
     ratio, poisson = jnp.asarray(ratio, float), jnp.asarray(poisson, float)
     abscissa = jnp.log(ratio)
@@ -93,6 +96,7 @@ def kalker_coefficients(ratio: Scalar, poisson: Scalar = STEEL_POISSON) -> Kalke
     return KalkerCoefficients(read(_C11), read(_C22), read(_C23), read(_C33))
 
 
+@guarded()
 def contact_ellipse(
     load: Scalar,
     wheel_radius: Scalar,
@@ -109,6 +113,10 @@ def contact_ellipse(
     Curvatures A = 1/(2 r_0) along, B = (1/R_rail + 1/R_wheel)/2 across. With the effective modulus E' = E/(2(1 - nu²)) and
     the eccentricity k² of the ellipse, A/B fixes k and the load the size: Johnson, Contact Mechanics (1985), sec. 4.2.
     """
+    if not traced((rail_head_radius, wheel_profile_radius)):
+        curvature = 1.0 / np.asarray(rail_head_radius, float) + 1.0 / np.asarray(wheel_profile_radius, float)
+        if not np.all(curvature > 0.0):
+            raise InputError("wheel_profile_radius: a hollow wheel must be wider than the rail head")
     along = jnp.asarray(0.5 / wheel_radius, float)
     across = jnp.asarray(0.5 * (1.0 / rail_head_radius + 1.0 / wheel_profile_radius), float)
     modulus = youngs_modulus / (2.0 * (1.0 - poisson**2))
@@ -122,6 +130,7 @@ def contact_ellipse(
     return ContactEllipse(jnp.where(along <= across, major, minor), jnp.where(along <= across, minor, major))
 
 
+@guarded()
 def creep_coefficients(
     load: Scalar,
     wheel_radius: Scalar,

@@ -27,6 +27,8 @@ import jax
 import jax.numpy as jnp
 from jax.experimental.xla_metadata import set_xla_metadata
 
+from .checks import guarded
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 #: options for batches on CPU: full-width vectors (1.2 times faster; single runs are slower with them)
@@ -54,6 +56,7 @@ FALSE_ALARM = re.compile(rb"Target machine feature \+prefer-no-(gather|scatter) 
 _listening = threading.Lock()
 
 
+@guarded()
 def keep_compiled(folder: str | Path | None = None) -> Path:
     """Keep what is compiled on disk, so that later processes need not compile it again; call it before anything is computed.
 
@@ -157,6 +160,7 @@ def one_kernel(function: F) -> F:
     return single  # type: ignore[return-value]
 
 
+@guarded()
 def jit(function: Callable[..., Any]) -> Callable[..., Any]:
     """`jax.jit` for functions that simulate, or differentiate a simulation: on CPU all of it becomes one kernel.
 

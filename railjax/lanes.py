@@ -111,10 +111,12 @@ def over_lanes(
 
 
 @functools.cache
-def alone(function: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: int, spread: bool) -> Callable[[Any], Any]:
+def alone(
+    function: Callable[[Any], Any], derived: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: int, spread: bool
+) -> Callable[[Any], Any]:
     """`function(trees)` of one lane, of which a user's `jax.vmap` makes `over_lanes` instead of one array wider than the cache.
 
-    `axes_of(*trees)` gives the axes of `own_axes`; all leaves are floating-point arrays. Derivatives are those of `function`, around
+    `axes_of(*trees)` gives the axes of `own_axes`; all leaves are floating-point arrays. Derivatives are those of `derived`, around
     `custom_vmap`, which has no reverse mode.
     """
     single = jax.custom_batching.custom_vmap(function)
@@ -125,7 +127,12 @@ def alone(function: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: in
         result = over_lanes(function, last, axes_of(*trees), lanes, chunk, spread)
         return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), result), jax.tree.map(lambda _: True, result)
 
-    whole = jax.custom_jvp(single)
+    return with_derivative_of(derived, single)
+
+
+def with_derivative_of(derived: Callable[[Any], Any], function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """`function(trees)`; where it is differentiated, `derived(trees)`, which is the same written so that it has good derivatives."""
+    whole = jax.custom_jvp(function)
 
     @functools.partial(whole.defjvp, symbolic_zeros=True)
     def _derivative(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
@@ -135,7 +142,7 @@ def alone(function: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: in
 
         def of(moved: list) -> Any:
             replaced = dict(zip(moving, moved, strict=True))
-            return function(*structure.unflatten([replaced.get(k, leaf) for k, leaf in enumerate(leaves)]))
+            return derived(*structure.unflatten([replaced.get(k, leaf) for k, leaf in enumerate(leaves)]))
 
         return jax.jvp(of, ([leaves[k] for k in moving],), ([rates[k] for k in moving],))
 

@@ -10,7 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
+from .arguments import ONE_SPEED
 from .attractors import settled
+from .checks import FLAG, guarded
 from .continuation import hunting_mode
 from .critical import default_wheelset
 from .dampers import Damper
@@ -129,6 +131,7 @@ class Branch:
         """The lowest fold, the nonlinear critical speed; None where the branch has none (supercritical)."""
         return min(self.folds, key=lambda point: point.speed, default=None)
 
+    @guarded(speed=ONE_SPEED, stable=FLAG)
     def at(self, speed: float, stable: bool = True) -> LimitCycle:
         """The limit cycle at a speed (m/s), solved for; `InputError` where the branch has none that is (un)stable there."""
         for piece in self.pieces:

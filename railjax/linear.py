@@ -12,9 +12,11 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from .along_speed import along_speed, concrete, lanes_along_speed
+from .checks import guarded
 from .crossing import Crossing, Outcome, lowest_crossing, lowest_crossing_compiled, pencil, speeds_of
 from .dampers import Damper
 from .errors import NumericalError
+from .failed_lanes import without_nan
 from .lanes import count_lanes, each_lane, in_threads, one_by_one, own_axes
 from .motion import PASSIVE, state_matrix, state_product
 from .precision import require_double_precision
@@ -48,6 +50,7 @@ class LinearCritical(NamedTuple):
     code: Int[Array, "..."]
 
 
+@guarded(("lowest", "highest"))
 def linear_critical_speed(
     vehicle: Vehicle, *, damper: Damper = PASSIVE, lowest: float = LOWEST, highest: float = HIGHEST
 ) -> Float[Array, "..."]:
@@ -79,6 +82,7 @@ def linear_critical_speed(
     return found.speed
 
 
+@guarded(("lowest", "highest"))
 def linear_critical(
     vehicle: Vehicle, *, damper: Damper = PASSIVE, lowest: float = LOWEST, highest: float = HIGHEST
 ) -> LinearCritical:
@@ -104,7 +108,7 @@ def _found(lanes: int | None, trees: tuple, lowest: Scalar, highest: Scalar) -> 
 @_found.defjvp
 def _derivative(lanes: int | None, primals: tuple, tangents: tuple) -> tuple:
     found, crossing = _found(lanes, *primals)
-    speed, omega, frequency = _rates(lanes, primals[0], tangents[0], _held(crossing))
+    speed, omega, frequency = _rates(lanes, primals[0], tangents[0], _held(crossing), found.code)
     of_found, of_crossing = jax.tree.map(jnp.zeros_like, (found, crossing))
     of_found = of_found._replace(speed=speed, frequency=frequency, code=np.zeros(found.code.shape, jax.dtypes.float0))
     return (found, crossing), (of_found, of_crossing._replace(speed=speed, omega=omega))
@@ -112,7 +116,7 @@ def _derivative(lanes: int | None, primals: tuple, tangents: tuple) -> tuple:
 
 @functools.partial(jax.jit, static_argnames="lanes")
 def _rates(
-    lanes: int | None, trees: tuple, moved: tuple, at: Crossing
+    lanes: int | None, trees: tuple, moved: tuple, at: Crossing, code: Int[Array, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
     """Of speed, omega and frequency. Implicit function: Re(dlambda + lambda_v dv) = 0 with dlambda = w^T dE x for right and left
     vectors with w^T x = 1."""
@@ -122,9 +126,11 @@ def _rates(
             return _rayleigh(*trees, at)
         return each_lane(_rayleigh, (*trees, at), (*_axes(trees), Crossing(0, 0, 0, 1, 1)))
 
-    change = jax.jvp(eigenvalue, (trees,), (moved,))[1]
+    change = jax.jvp(eigenvalue, (without_nan(trees),), (moved,))[1]
     speed = -change.real / at.by_speed.real
     omega = change.imag + at.by_speed.imag * speed
+    found = (code == Stability.OK) | (code == Stability.UNPROVED)
+    speed, omega = jnp.where(found, speed, 0.0), jnp.where(found, omega, 0.0)
     return speed, omega, omega / (2.0 * jnp.pi)
 
 

@@ -76,8 +76,8 @@ def better(one: np.ndarray, other: np.ndarray) -> bool:
 
 def _gain(one: np.ndarray, other: np.ndarray) -> float:
     """By how much values are preferable to others."""
-    violations = [max(0.0, *values[1:]) if len(values) > 1 else 0.0 for values in (one, other)]
-    if max(violations) <= MET:
+    violations = np.array([np.max(values[1:], initial=0.0) for values in (one, other)])  # NaN where one of them is
+    if np.all(violations <= MET):
         return float(other[0] - one[0])
     return float(violations[1] - violations[0])
 

@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from .along_speed import along_speed
+from .arguments import ONE_SPEED, SPEED
+from .checks import guarded
 from .dampers import Damper
 from .deflections import labels, layout, size
 from .errors import InputError, NumericalError
@@ -59,6 +61,7 @@ class Modes:
         return "\n".join(lines)
 
 
+@guarded(speed=ONE_SPEED)
 def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
     """Eigenvalues and shapes of E (eq. 4) at `speed` in m/s, named by their kinetic energy. Needs double precision."""
     require_double_precision("the modes")
@@ -186,6 +189,7 @@ class RootLocus:
         return damping_ratios(self.eigenvalues)
 
 
+@guarded(speeds=SPEED)
 def root_locus(vehicle: Vehicle, speeds: Float[np.ndarray, "speeds"], damper: Damper = PASSIVE) -> RootLocus:
     """Track every oscillating mode from the highest of the `speeds` (m/s, rising) down to the lowest, by the overlap |w_i^H r_j| of left and right
     eigenvectors of neighbouring speeds. Names are those at the highest speed, where the parts are told apart best.

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .checks import guarded
 from .contact import ContactForce, Creepage, contact_force, creepages
 from .dampers import Damper, PassiveDamper, Seen, law_of
 from .deflections import Groups, damper_point, deflections, join, size, split, transposed
@@ -255,6 +256,7 @@ def state_product(
     return _along(vehicle, speed, damper, functools.partial(state_rate, vehicle), x, still, False)
 
 
+@guarded(flange=None)
 def state_matrix(
     vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE, *, flange: bool | Bool[Array, ""] = False
 ) -> Float[Array, "states states"]:
@@ -267,6 +269,7 @@ def state_matrix(
     return _rate_matrix(without_labels(vehicle), speed, damper, flange)[:, : state_size(vehicle, damper)]
 
 
+@guarded()
 def track_matrix(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Float[Array, "states wheelsets"]:
     """B of F*(t) = B eta(t), eq. (3): what the alignment eta_i (m) under each wheelset does to x', linear creep; `speed` in m/s."""
     return _rate_matrix(without_labels(vehicle), speed, damper, False)[:, state_size(vehicle, damper) :]
@@ -299,6 +302,7 @@ class Matrices(NamedTuple):
     stiffness: Float[Array, "n n"]
 
 
+@guarded()
 def matrices(vehicle: Vehicle, speed: Scalar) -> Matrices:
     """M, C, K of eq. (2) at a speed (m/s), out of the same functions: K = -M E_21, C = -M E_22."""
     n = size(vehicle)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from .checks import guarded
 from .dampers import Damper
 from .errors import InputError
 from .linear import LinearCritical, linear_critical
@@ -16,6 +17,7 @@ from .typing import Scalar
 from .vehicle import Vehicle, without_labels
 
 
+@guarded()
 def first_lyapunov_coefficient(vehicle: Vehicle, damper: Damper = PASSIVE, hopf: LinearCritical | None = None) -> float:
     """l_1 (1/s): near the Hopf point |z|' = Re(lambda)|z| + l_1 |z|³, with x = z q + its conjugate and |q| scaled below.
 

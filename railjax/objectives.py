@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from . import critical, limit_cycles, linear
+from .arguments import SPEED
 from .channels import CHANNELS, check_channel
 from .dampers import Damper
 from .errors import InputError
@@ -28,7 +29,6 @@ from .motion import state_matrix
 from .quantities import Quantity, kmh, smooth_damper
 from .responses import response_over
 from .semiactive import BalanceLogic
-from .simulate import check_speed
 from .statistical import EquivalentDamper, memoryless
 from .typing import Number, Scalar
 from .units import KMH
@@ -108,7 +108,7 @@ def _speeds(speeds: Any) -> Float[np.ndarray, "speeds"]:
         raise InputError(f"speeds must be numbers in m/s, not {speeds!r}") from None
     if found.ndim != 1 or found.size == 0:
         raise InputError(f"speeds must be a number or a list of numbers in m/s, not of shape {found.shape}")
-    check_speed(jnp.asarray(found))
+    SPEED("speeds", found)
     return found
 
 

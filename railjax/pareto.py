@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from . import minimise
+from .checks import a_table, guarded, whole
 from .dampers import Damper
 from .design_space import DesignSpace
 from .errors import InputError, NumericalError
@@ -80,6 +81,7 @@ class Front:
         return xarray.Dataset({name: ("point", values) for name, values in named.items()})
 
 
+@guarded(points=whole(2), parameters=a_table)
 def pareto(
     vehicle: Vehicle,
     parameters: Mapping[Any, Any],

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .checks import guarded
 from .critical import default_wheelset
 from .dampers import Damper
 from .errors import InputError
@@ -55,6 +56,7 @@ class Ramp:
         )
 
 
+@guarded(("low", "high"))
 def speed_ramp(
     vehicle: Vehicle,
     low: float,

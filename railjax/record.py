@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from . import file_units
+from .checks import a_path, guarded, whole
 from .csv_columns import TIME_NAMES, TIME_UNITS, Columns, Samples, read_columns
 from .errors import InputError
 from .stamps import BRIDGE, sampling
@@ -75,6 +76,7 @@ class Record:
         """The samples of each stretch."""
         return [slice(*ends) for ends in itertools.pairwise((*self.begins, len(self)))]
 
+    @guarded(last=whole(1))
     def until(self, last: int) -> "Record":
         """The samples before number `last`."""
         return self._picked([slice(s.start, min(s.stop, last)) for s in self.stretches if s.start < last], self.dt)
@@ -83,6 +85,7 @@ class Record:
         """The first share of each stretch."""
         return self._picked([slice(s.start, s.start + int(share * (s.stop - s.start))) for s in self.stretches], self.dt)
 
+    @guarded(stride=whole(1))
     def every(self, stride: int) -> "Record":
         """Every `stride`-th sample of each stretch: coarser steps over the same motion."""
         return self._picked([slice(s.start, s.stop, stride) for s in self.stretches], self.dt * stride)
@@ -119,6 +122,7 @@ def joined(records: Sequence[Record]) -> Record:
     )
 
 
+@guarded(path=a_path)
 def read_record(
     path: str | Path,
     *,

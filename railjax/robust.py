@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .checks import guarded
 from .dampers import Damper
 from .errors import InputError
 from .quantities import Quantity, Trees
@@ -52,11 +53,13 @@ class Scatter:
         return tuple(given), tuple(name in (self.factors or {}) for name in given), (low + (high - low) * points).T
 
 
+@guarded()
 def expected(quantity: Quantity, scatter: Scatter) -> Quantity:
     """The mean over the scatter. NaN where one sample has no value (hunts)."""
     return _over(quantity, scatter, "expected")
 
 
+@guarded()
 def worst(quantity: Quantity, scatter: Scatter) -> Quantity:
     """The worst value over the scatter (of a critical speed the lowest); smooth within 1 % of the mean, on the safe side, and exact in the final check."""
     return _over(quantity, scatter, "worst")

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .checks import Kind, Range, a_path, guarded, positive
 from .errors import InputError
 from .kernels import fence
 from .spectra import TableSpectrum
@@ -58,12 +59,14 @@ class SampledTrack:
         """Length of the table, m; of a periodic track its period."""
         return (jnp.shape(self.coefficients)[0] - MARGIN) * self.spacing
 
+    @guarded(amplitude=Range("1", axes=1))
     def scaled(self: T, amplitude: Scalar) -> T:
         """The same track with this scale factor instead of its own; one value, or one per lane."""
         scaled = copy.copy(self)
         scaled._set(amplitude=amplitude)
         return scaled
 
+    @guarded(path=a_path, length=positive("m"), step=positive("m"))
     def to_csv(self, path: str | Path, length: float | None = None, step: float | None = None) -> None:
         """Write distance (m) and alignment (mm), fade-in and amplitude included, for other programs or `MeasuredTrack.from_csv`.
 
@@ -112,6 +115,7 @@ def _single(track: T) -> T:
     return track
 
 
+@guarded(track=Kind("sampled_track.SampledTrack", "a track given by samples, like railjax.RandomTrack"))
 def spectrum_of(track: SampledTrack, segment: float = 1000.0) -> TableSpectrum:
     """Estimate of a track's spectrum by Welch's method (Hann window, overlapping by half), as points of m²/(rad/m) over rad/m.
 

@@ -12,7 +12,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from . import minimise
+from .arguments import SPEED
 from .channels import check_channel
+from .checks import Rising, guarded
 from .dampers import Damper, check_damper
 from .errors import InputError, NumericalError
 from .kernels import jit as one_kernel
@@ -23,7 +25,7 @@ from .quantities import sharp_laws, smoothed_laws
 from .responses import hunting
 from .robust import Scatter, expected
 from .semiactive import BalanceLogic
-from .simulate import check_speed, simulate
+from .simulate import simulate
 from .track import SinusoidTrack, Track
 from .units import KMH
 from .vehicle import Vehicle
@@ -57,6 +59,7 @@ class GainSchedule:
     runs: int  # number of runs
     seconds: float  # s
 
+    @guarded(speed=SPEED)
     def at(self, speed: Any) -> Any:
         """α at a speed or speeds (m/s), beyond the ends that of the end."""
         return bernstein(np.asarray(speed, float), self.speeds, len(self.coefficients)) @ self.coefficients
@@ -100,6 +103,7 @@ def bernstein(
     return comb(n, k) * t**k * (1.0 - t) ** (n - k)
 
 
+@guarded(speeds=Rising(SPEED, 2))
 def schedule_gain(
     vehicle: Vehicle,
     speeds: Any,
@@ -130,24 +134,19 @@ def schedule_gain(
     began = time.perf_counter()
     check_channel(channel)
     speeds = np.asarray(speeds, float)
-    if speeds.ndim != 1 or len(speeds) < 2 or not np.all(np.diff(speeds) > 0):
-        raise InputError("speeds must be at least two numbers (m/s) in rising order")
-    check_speed(jnp.asarray(speeds))
     if not isinstance(degree, int) or not 0 <= degree < len(speeds):
         raise InputError(f"degree must be a whole number from 0 to {len(speeds) - 1}, not {degree!r}")
     low, high = map(float, bounds)
-    if not 0.0 <= low < high < np.inf:
-        raise InputError(f"bounds must be two numbers from 0 on, the lower first, not {bounds!r}")
     damper = BalanceLogic() if damper is None else damper
     check_damper(damper)
     if not hasattr(damper, parameter):
         raise InputError(f"parameter: {type(damper).__name__} has no {parameter!r}")
     track = SinusoidTrack(5e-3, 20.0) if track is None else track
     runs = _Runs(vehicle, damper, parameter, speeds, track, channel, duration, settle, dt, scatter)
-    moving = ~runs.hunts(np.full(len(speeds), 0.5 * (low + high)))
+    best = runs.best_each(low, high)
+    moving = ~runs.hunts(np.full(len(speeds), 0.5 * (low + high))) & np.isfinite(runs.squares(best)[0])
     if not np.any(moving):
         raise NumericalError("schedule_gain: the vehicle hunts at every speed, and there no gain is tuned")
-    best = runs.best_each(low, high)
     scale, width = float(np.mean(runs.squares(best)[0][moving])), high - low
 
     def fitted(count: int) -> np.ndarray:

@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from . import smooth
+from .checks import from_zero, guarded, positive
 from .dampers import HARD, SOFT, Bogies, PassiveDamper, Seen
 from .deflections import join, of_carbody, size
 from .errors import InputError
@@ -164,6 +165,12 @@ class ValveControlled(Controlled):
         """F = 2 (c_min + (c_max - c_min) g) v."""
         return 2.0 * (self.damping_min + (self.damping_max - self.damping_min) * opening) * velocity
 
+    def fault(self) -> str | None:
+        """A valve that damps less shut than open."""
+        if np.any(np.asarray(self.damping_min) >= self.damping_max):
+            return f"damping_min ({self.damping_min}) must be below damping_max ({self.damping_max})"
+        return None
+
     def extremes(self, vehicle: Vehicle) -> tuple[PassiveDamper, ...]:
         """The valve shut."""
         return (PassiveDamper(self.damping_max),)
@@ -244,10 +251,16 @@ class ADD(ValveControlled):
         """v_c, of which the accelerometer makes a_c."""
         return of_carbody(vehicle, seen.rates)
 
+    def fault(self) -> str | None:
+        """No accelerometer."""
+        if self.sensor_lag is None:
+            return f"{type(self).__name__} needs a sensor_lag: the low-pass of its accelerometer, 5e-3 s for example"
+        return super().fault()
+
     def signal(self, measured: Bogies, sensed: Bogies | None) -> Bogies:
         """a_c."""
         if sensed is None:
-            raise InputError("ADD needs a sensor_lag: the low-pass of its accelerometer, 5e-3 s for example")
+            raise InputError(self.fault())
         return (measured - sensed) / self.sensor_lag
 
 
@@ -287,6 +300,7 @@ class ClippedLQR(ForceControlled):
     signal_scale: ClassVar[float] = 1e3
 
     @classmethod
+    @guarded(speed=positive("m/s"), travel_weight=from_zero("1/s²"), force_weight=positive("m/s² per kN"))
     def design(
         cls, vehicle: Vehicle, speed: float, travel_weight: float = 10.0, force_weight: float = 0.05, **options: Number
     ) -> "ClippedLQR":
@@ -317,6 +331,10 @@ class ClippedLQR(ForceControlled):
         gain = np.linalg.solve(through.T @ through + force_weight**2 * np.eye(bogies), b.T @ cost + through.T @ state)
         # u = -K x in kN; the damper's force is D
         return cls(feedback=-1e3 * gain, **options)
+
+    def fault(self) -> str | None:
+        """No gain."""
+        return "ClippedLQR has no feedback; make it with ClippedLQR.design(vehicle, speed)" if self.feedback is None else None
 
     def measured(self, vehicle: Vehicle, travel: Bogies, seen: Seen) -> Bogies:
         """D = K x."""

@@ -12,20 +12,22 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .blocks import Sampled, finished, lane_shape, wheelsets_flat
 from .channels import CHANNELS, check_channel, has_channel, parse_reduction
-from .dampers import Damper, check_damper
+from .checks import guarded
+from .dampers import Damper
 from .deflections import join, layout
 from .errors import InputError
 from .integrate import Plan, Run, parameter_axes, run
-from .lanes import alone, by_device, chunk_for, count_lanes, each_lane, over_lanes, own_axes
+from .lanes import alone, by_device, chunk_for, count_lanes, each_lane, over_lanes, own_axes, with_derivative_of
 from .motion import PASSIVE, state_size
 from .simulation import Result, Simulation
 from .speed_profile import Speed, SpeedProfile
 from .step_bound import STABLE_RADIUS, fastest_rate, fastest_rate_on_host
-from .track import TangentTrack, Track, check_track
+from .track import TangentTrack, Track
 from .typing import Scalar
 from .vehicle import Vehicle, as_numbers, without_labels
 
 
+@guarded()
 def simulate(
     vehicle: Vehicle,
     speed: Speed,
@@ -54,13 +56,11 @@ def simulate(
     shared. Lanes run in chunks of `chunk` in number (default: what is quickest) on all devices (`use_all_cores`). Inside `jax.vmap` or `jax.grad` it works as well.
 
     A single run whose dt is beyond what RK4 holds raises `InputError`; in a batch (or inside a transformation) such a lane is
-    marked in `code` and the others are kept. Differentiable in forward and reverse mode (checkpointed), but never
+    marked in `code` and the others are kept. A run that diverges is marked, alone as well: its history tells how. Failed lanes
+    leave the derivatives of what they share with others alone. Differentiable in forward and reverse mode (checkpointed), but never
     differentiate a long hunting run: its phase pollutes the gradient.
     """
     track = TangentTrack() if track is None else track
-    check_track(track)
-    check_damper(damper)
-    check_speed(speed)
     plan = _plan(vehicle, duration, dt, sample, tuple(record), tuple(reduce), settle)
     x = initial_state(vehicle, damper, initial)
     chunk = chunk_for(x.dtype) if chunk is None else chunk
@@ -108,35 +108,42 @@ def _traced(parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, c
     """Inside `jit`, `vmap` or `grad`: one program with the rest of what is transformed."""
     vehicle, damper, speed, _ = parameters
     fastest = _fastest(vehicle, speed, damper, STABLE_RADIUS / dt, spread=False)
-    trees = jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), (*parameters, x, dt, settle))
+    holds = dt * fastest <= STABLE_RADIUS  # a number, as all that `alone` takes
+    trees = jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), (*parameters, x, dt, settle, holds))
     axes = _axes(*trees)
     lanes = count_lanes(trees, axes)
+    # in a transformation it is the outermost function that can be one kernel (`railjax.jit`)
     if lanes is None:
-        # in a transformation it is the outermost function that can be one kernel (`railjax.jit`)
-        result, code = alone(_run(plan), _axes, chunk, spread=True)(trees)
+        result, code = alone(_run(plan, False), _run(plan, True), _axes, chunk, spread=True)(trees)
     else:
-        result, code = over_lanes(_run(plan), trees, axes, lanes, chunk, spread=True)
-    return result, jnp.where(dt * fastest > STABLE_RADIUS, int(Result.STEP_TOO_LARGE), code), None
+        several = (
+            functools.partial(over_lanes, _run(plan, guarded), axes=axes, lanes=lanes, chunk=chunk) for guarded in (True, False)
+        )
+        result, code = with_derivative_of(*several)(trees)
+    return result, jnp.where(holds, code, int(Result.STEP_TOO_LARGE)), None
 
 
 def _axes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, *_: Any) -> tuple:
-    """Axes of their own, before lanes, of the leaves of vehicle, damper, speed, track, state, dt and settle."""
-    return *parameter_axes(vehicle, damper, speed, track), 1, 0, 0
+    """Axes of their own, before lanes, of the leaves of vehicle, damper, speed, track, state, dt, settle and whether dt holds."""
+    return *parameter_axes(vehicle, damper, speed, track), 1, 0, 0, 0
 
 
 @functools.cache
-def _run(plan: Plan) -> Callable[[tuple], tuple[Run, Array]]:
-    """One run, or all lanes of a chunk together; the same object for the same plan."""
+def _run(plan: Plan, guarded: bool) -> Callable[[tuple], tuple[Run, Array]]:
+    """One run, or all lanes of a chunk together; the same object for the same plan. With `guarded` a lane whose dt is too large is not
+    computed: it would spoil derivatives. Without them that is not worth the wait for the check of dt."""
 
     @jax.jit
     def function(trees: tuple) -> tuple[Run, Array]:
         axes = _axes(*trees)
         x = trees[4]
-        *parameters, dt, settle = (jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), tree) for tree in trees)
+        *parameters, dt, settle, holds = (jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), tree) for tree in trees)
         vehicle, damper, speed, track, _ = parameters
         shape = jnp.broadcast_shapes(*[lane_shape(t, a) for t, a in zip(trees, axes, strict=True)])
         x = jnp.broadcast_to(x.reshape(x.shape + (1,) * (len(shape) + 1 - x.ndim)), (x.shape[0], *shape))
-        result = wheelsets_flat(run(vehicle, damper, speed, track, x, dt, settle, plan), len(shape))
+        result = wheelsets_flat(
+            run(vehicle, damper, speed, track, x, dt, settle, plan, holds > 0.0 if guarded else None), len(shape)
+        )
         return result, jnp.where(result.diverged, int(Result.DIVERGED), int(Result.OK))
 
     return function
@@ -176,7 +183,7 @@ def _fastest(vehicle: Vehicle, speed: Speed, damper: Damper, enough: Scalar, spr
     axes = _rate_axes(*trees)
     lanes = count_lanes(trees, axes)
     if lanes is None:
-        return alone(_fastest_of, _rate_axes, CHECKED, spread=False)(trees)
+        return alone(_fastest_of, _fastest_of, _rate_axes, CHECKED, spread=False)(trees)
     if spread:
         return by_device(_fastest_of, trees, axes, CHECKED)
     return over_lanes(_fastest_of, trees, axes, lanes, CHECKED)
@@ -226,17 +233,6 @@ def initial_state(vehicle: Vehicle, damper: Damper, initial: Mapping[str, Any] |
 MOST_STEPS = 1e10
 
 
-def check_speed(speed: Speed) -> None:
-    """Refuse speeds that are not positive and finite, where they are known."""
-    values = speed.speed if isinstance(speed, SpeedProfile) else speed
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)):
-        return
-    # NumPy, because under `jit` even constants become tracers of jax.numpy
-    array = np.asarray(values, float)
-    if not np.all(np.isfinite(array) & (array > 0)):
-        raise InputError(f"speed must be positive (m/s), not {np.min(array):g}: creepage is a ratio to the speed")
-
-
 def _plan(
     vehicle: Vehicle,
     duration: float,
@@ -246,10 +242,12 @@ def _plan(
     reduce: tuple,
     settle: float,
 ) -> Plan:
-    for key, value in (("duration", duration), ("dt", dt)):
-        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
-            raise InputError(f"{key} must be a positive number of seconds, not {value!r}")
-    if not 0 <= settle < duration:
+    for key, value in (("duration", duration), ("dt", dt), ("settle", settle), ("sample", sample)):
+        if isinstance(value, jax.core.Tracer):
+            raise InputError(
+                f"{key} must be known when the run is compiled, for it tells the number of steps; it cannot be traced"
+            )
+    if not settle < duration:
         raise InputError(f"settle must lie between 0 and the duration {duration:g} s, not {settle!r}")
     if duration / dt > MOST_STEPS:
         raise InputError(f"duration {duration:g} s in steps of {dt:g} s is more than {MOST_STEPS:.0e} steps; run it in parts")

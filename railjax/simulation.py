@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 from .blocks import Sampled
 from .channels import CHANNELS, PLACES, check_channel, has_channel
 from .errors import InputError
+from .failed_lanes import ends
 from .speed_profile import SpeedProfile
 from .typing import Number
 from .units import KMH
@@ -88,10 +89,10 @@ class Simulation:
             low, high = float(np.min(self.speed)) * KMH, float(np.max(self.speed)) * KMH
             lines[0] += f", {low:.1f} km/h" if low == high else f", {low:.1f} to {high:.1f} km/h"
         for name, values in self.channels.items():
-            peak = float(np.nanmax(np.abs(values)))
+            _, peak = ends(np.abs(values))
             lines.append(f"  {name} {tuple(values.shape)}: peak {peak:.4g} {CHANNELS[name].unit}")
         for name, values in self.reductions.items():
-            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            low, high = ends(values)
             span = f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
             lines.append(f"  {name}: {span} {CHANNELS[name.split(':')[1]].unit}")
         for result in Result:

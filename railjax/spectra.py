@@ -9,13 +9,14 @@ import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .checks import guarded, positive, shown
 from .csv_columns import read_columns
 from .errors import InputError
 from .text_table import is_table
@@ -26,6 +27,8 @@ Wavenumbers = Float[Array, "..."] | Float[np.ndarray, "..."] | float
 
 #: the band of the irregularities that act on lateral dynamics, wavelengths in m; shorter ones are corrugation and longer ones layout
 SHORTEST, LONGEST = 2.0, 200.0
+
+WAVENUMBER = positive("rad/m", axes=9)
 
 
 @runtime_checkable
@@ -49,11 +52,13 @@ class ErriSpectrum:
     corner: Number = quantity("rad/m", "Ωc", "wavenumber above which the density falls with the fourth power", 0.8246)
     long_corner: Number = quantity("rad/m", "Ωr", "wavenumber below which the density is flat", 0.0206)
 
+    @guarded(wavenumber=WAVENUMBER._replace(open=False))
     def density(self, wavenumber: Wavenumbers) -> Wavenumbers:
         """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         w, c, r = wavenumber**2, self.corner**2, self.long_corner**2
         return self.roughness * c / ((w + r) * (w + c))
 
+    @guarded(("low", "high"), low=WAVENUMBER, high=WAVENUMBER)
     def variance(self, low: Scalar, high: Scalar) -> Float[Array, "..."]:
         """Integral of S from `low` to `high` (rad/m) in m², by partial fractions: A Ωc²/(Ωc² - Ωr²) [atan(Ω/Ωr)/Ωr - atan(Ω/Ωc)/Ωc]."""
         c, r = self.corner, self.long_corner
@@ -74,11 +79,13 @@ class FraSpectrum:
     corner: Number = quantity("rad/m", "Ωc", "wavenumber above which the density falls with the fourth power", 0.8245)
     factor: Number = quantity("1", "k", "factor of the class spectra", 0.25)
 
+    @guarded(wavenumber=WAVENUMBER)
     def density(self, wavenumber: Wavenumbers) -> Wavenumbers:
         """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         w, c = wavenumber**2, self.corner**2
         return self.factor * self.roughness * c / (w * (w + c))
 
+    @guarded(("low", "high"), low=WAVENUMBER, high=WAVENUMBER)
     def variance(self, low: Scalar, high: Scalar) -> Float[Array, "..."]:
         """Integral of S from `low` to `high` (rad/m) in m²: k A [-1/Ω - atan(Ω/Ωc)/Ωc]."""
         low, high = jnp.asarray(low, float), jnp.asarray(high, float)
@@ -153,13 +160,15 @@ class TableSpectrum:
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
+    @guarded(wavenumber=WAVENUMBER._replace(open=False))
     def density(self, wavenumber: Wavenumbers) -> Float[Array, "..."]:
         """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         w = jnp.asarray(wavenumber)
         table_w, table_s = jnp.asarray(self.wavenumber), jnp.asarray(self.values)
         inside = (w >= table_w[0]) & (w <= table_w[-1])
         within = jnp.where(inside, w, table_w[0])
-        return jnp.where(inside, jnp.exp(jnp.interp(jnp.log(within), jnp.log(table_w), jnp.log(table_s))), 0.0)
+        beyond = jnp.where(jnp.isnan(w + table_w[0] + table_w[-1]), jnp.nan, 0.0)
+        return jnp.where(inside, jnp.exp(jnp.interp(jnp.log(within), jnp.log(table_w), jnp.log(table_s))), beyond)
 
 
 #: columns of a spectrum's file, and the factors of their units to rad/m and m²/(rad/m)
@@ -188,6 +197,7 @@ class FormulaSpectrum:
 
     formula: Callable = structure(None)
 
+    @guarded(wavenumber=WAVENUMBER._replace(open=False))
     def density(self, wavenumber: Wavenumbers) -> Float[Array, "..."]:
         """S(Ω), m²/(rad/m), at Ω = `wavenumber`, rad/m."""
         return jnp.asarray(self.formula(jnp.asarray(wavenumber)))
@@ -207,6 +217,15 @@ NAMED: dict[str, Spectrum] = {
 }
 
 
+def a_source(key: str, value: Any) -> None:
+    """A spectrum or what makes one."""
+    if not isinstance(value, (str, Path, Spectrum)) and not callable(value):
+        raise InputError(
+            f"{key} must be a spectrum: {', '.join(NAMED)}, a .csv file or a function of the wavenumber, not {shown(value)}"
+        )
+
+
+@guarded(source=a_source)
 def spectrum(source: str | Path | Callable | Spectrum) -> Spectrum:
     """The spectrum of a name ("erri-low", "erri-high", "fra-1" to "fra-6"), a CSV file (`TableSpectrum.from_csv`), a function of Ω
     (`FormulaSpectrum`), or itself.
@@ -244,6 +263,4 @@ def check_spectrum(of: Spectrum) -> None:
         TableSpectrum.checked(of.wavenumber, of.values)
     elif isinstance(of, ErriSpectrum | FraSpectrum):
         for field in dataclasses.fields(of):
-            value = np.asarray(getattr(of, field.name), float)
-            if not np.all(np.isfinite(value) & (value > 0)):
-                raise InputError(f"spectrum.{field.name} must be positive and finite, not {value}")
+            positive(field.metadata["unit"], axes=1)(f"spectrum.{field.name}", getattr(of, field.name))

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .checks import guarded
 from .errors import InputError
 from .frequency import FrequencyResponse
 from .smooth import sqrt_of_square
@@ -23,6 +24,7 @@ class SpectralComfort(NamedTuple):
     sperling: Float[Array, "..."]  # Wz, dimensionless
 
 
+@guarded()
 def spectral_comfort(response: FrequencyResponse, channel: str = "floor_acceleration") -> SpectralComfort:
     """Lateral ride comfort of a Gaussian, stationary response (`frequency_response`, or that of `statistical_linearisation`).
 

@@ -4,9 +4,29 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from .checks import Range, Rising, guarded, positive, traced
+from .errors import InputError
 from .typing import Number, Scalar
+
+#: of a profile, one axis for its points
+TIME = Range("s", axes=9)
+SPEEDS = positive("m/s", axes=2, why=": creepage is a ratio to the speed")
+
+
+def in_order(key: str, profile: "SpeedProfile") -> None:
+    """Times that rise, speeds that are positive and as many, where they are known."""
+    if traced(profile):
+        return
+    Rising(Range("s"))(f"{key}.time", profile.time)
+    SPEEDS(f"{key}.speed", profile.speed)
+    counts = [np.shape(values)[:1] for values in (profile.time, profile.speed)]
+    if counts[0] != counts[1]:
+        raise InputError(
+            f"{key}: time and speed must be pairs, but their shapes are {np.shape(profile.time)} and {np.shape(profile.speed)}"
+        )
 
 
 @jax.tree_util.register_dataclass
@@ -20,10 +40,12 @@ class SpeedProfile:
     time: Number
     speed: Number
 
+    @guarded(self=in_order, time=TIME)
     def at(self, time: Float[Array, "..."]) -> Float[Array, "..."]:
         """v(t), m/s, at `time` t, s."""
         return jnp.interp(time, jnp.asarray(self.time, float), jnp.asarray(self.speed, float))
 
+    @guarded(self=in_order, time=TIME)
     def distance(self, time: Float[Array, "..."]) -> Float[Array, "..."]:
         """Integral of v from 0 (or the first point, if later) to `time` t (s), exact, m."""
         knots, speeds = jnp.asarray(self.time, float), jnp.asarray(self.speed, float)

@@ -8,7 +8,7 @@ Gaussian: harmonics, hunting, rare large values. It is an approximation; compare
 
 import functools
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,16 +16,18 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from .arguments import an_excitation
 from .channels import CHANNELS, check_channel
+from .checks import guarded
 from .contact import flange_force, saturation, saturation_factor
-from .dampers import Bogies, Damper, Seen, check_damper, law_of
+from .dampers import Bogies, Damper, Seen, law_of
 from .deflections import damper_point
 from .errors import InputError, NumericalError
+from .failed_lanes import nan_unless, no_number, without_nan
 from .frequency import POINTS, Excitation, FrequencyResponse, read_channels, respond, waves_of
 from .motion import PASSIVE, Motion, wheelset_shape
 from .precision import require_double_precision
 from .semiactive import BalanceLogic
-from .simulate import check_speed
 from .spectra import LONGEST, SHORTEST
 from .typing import Number, Scalar
 from .units import KMH
@@ -80,6 +82,7 @@ class EquivalentDamper:
         return self.stiffness * travel + self.damping * velocity, internal
 
 
+@guarded(("shortest", "longest"), track=an_excitation)
 def statistical_linearisation(
     vehicle: Vehicle,
     speed: Scalar,
@@ -102,8 +105,6 @@ def statistical_linearisation(
     where the equivalent vehicle is unstable or the iteration does not settle (in a transformation: NaN, and `change`).
     """
     require_double_precision("statistical linearisation")
-    check_speed(speed)
-    check_damper(damper)
     if not memoryless(damper):
         raise InputError(
             f"statistical linearisation takes laws of travel and velocity without memory (PassiveDamper, BalanceLogic without lags), not {type(damper).__name__}"
@@ -128,7 +129,8 @@ def memoryless(damper: Damper) -> bool:
 
 @functools.partial(jax.jit, static_argnames="record")
 def _solved(vehicle: Vehicle, damper: Damper, speed: Scalar, waves: Excitation, record: tuple[str, ...]):
-    given = vehicle, speed, damper, waves
+    sound = ~no_number((vehicle, speed, damper, waves))
+    vehicle, speed, damper, waves = given = without_nan((vehicle, speed, damper, waves))
     fixed = jax.lax.stop_gradient(given)
 
     def response(given: tuple, gains: Gains, read):
@@ -136,9 +138,10 @@ def _solved(vehicle: Vehicle, damper: Damper, speed: Scalar, waves: Excitation, 
         equivalent, element = _equivalent(vehicle, gains)
         return respond(equivalent, speed, waves.wavenumber, element, read, flange=True)
 
-    def new_gains(given: tuple, gains: Gains) -> Gains:
+    def new_gains(given: tuple, gains: Gains, usable: Any = True) -> Gains:
         vehicle, _, damper, waves = given
         _, signals, _ = response(given, gains, _local)
+        signals = jax.tree.map(lambda signal: jnp.where(usable, signal, 1.0), signals)
         return _gains(vehicle, damper, signals, waves.variance)
 
     def improved(carry: tuple[Gains, Array, Array]) -> tuple[Gains, Array, Array]:
@@ -158,13 +161,15 @@ def _solved(vehicle: Vehicle, damper: Damper, speed: Scalar, waves: Excitation, 
     first = start, jnp.asarray(jnp.inf), jnp.asarray(0)
     # NaN ends it
     gains, change, _ = jax.lax.while_loop(lambda now: (now[1] > AIM) & (now[2] < ITERATIONS), improved, first)
+    usable = sound & (change < CONVERGED)
+    gains = jax.tree.map(lambda gain, begun: jnp.where(usable, gain, begun), gains, start)
     # one step of Newton from the converged gains; its derivative is that of the implicit function
     flat, gains_of = ravel_pytree(gains)
     slope = jax.jacfwd(lambda flat: ravel_pytree(new_gains(fixed, gains_of(flat)))[0])(flat)
-    residual = ravel_pytree(new_gains(given, gains))[0] - flat
-    gains = gains_of(flat + jnp.linalg.solve(jnp.eye(flat.size) - slope, residual))
+    residual = ravel_pytree(new_gains(given, gains, usable))[0] - flat
+    gains = gains_of(flat + jnp.linalg.solve(jnp.eye(flat.size) - jnp.where(usable, slope, 0.0), residual))
     frequency, transfer, growth = response(given, gains, functools.partial(read_channels, record))
-    return frequency, transfer, growth, gains, change
+    return *nan_unless(usable, (frequency, transfer, growth, gains)), nan_unless(sound, change)
 
 
 def _local(instant: Motion) -> dict[str, Float[Array, "..."]]:

@@ -27,13 +27,14 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 
+from .arguments import a_speed
+from .checks import a_function, a_table, guarded
 from .dampers import Damper, check_damper
 from .design_points import SAMPLED, Blocks, Design, make_design
 from .errors import InputError, NumericalError
 from .fingerprint import described, lines, source_of_railjax
 from .named_parameters import check_range, owner, unit_of
 from .progress import Clock, Report, bar, stoppable
-from .simulate import check_speed
 from .speed_profile import Speed
 from .sweep_chunks import Computed, Fault, Job, Settings, compute, packed, work
 from .sweep_store import SweepStore
@@ -52,6 +53,7 @@ TRIES = 4
 log = logging.getLogger("railjax")
 
 
+@guarded(over=a_table, study=a_function, progress=None, samples=None)
 def sweep(
     study: Callable[..., Any],
     over: Mapping[str, Any],
@@ -170,7 +172,7 @@ def _check(study: Callable[..., Any], given: dict[str, Any], design: Design) -> 
         if name not in arguments:
             raise InputError(f"{name}= is given, but the study {name_of_study} takes no {name}")
     if "speed" in given:
-        check_speed(given["speed"])
+        a_speed("speed", given["speed"])
     if "track" in given:
         check_track(given["track"])
     if "damper" in given:

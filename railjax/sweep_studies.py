@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .checks import guarded
 from .critical import Hunting, nonlinear_critical
 from .dampers import Damper
 from .frequency import frequency_response
@@ -120,7 +121,7 @@ class LeastDamping:
 def _least_damping(trees: tuple, lanes: int | None) -> _Least:
     def single(vehicle: Vehicle, speed: Scalar, damper: Damper) -> _Least:
         values = jnp.linalg.eigvals(state_matrix(vehicle, speed, damper))
-        ratio = jnp.where(values.imag > 0, damping_ratios(values), jnp.inf)
+        ratio = jnp.where(values.imag <= 0, jnp.inf, damping_ratios(values))  # NaN stays, and is the least
         least = jnp.argmin(ratio)
         return _Least(ratio[least], values.imag[least] / (2.0 * jnp.pi), jnp.max(values.real))
 
@@ -202,6 +203,7 @@ class EachPoint:
         return {name: np.stack([np.asarray(entry[name]) for entry in found], axis=-1) for name in found[0]}
 
 
+@guarded()
 def each_point(function: Callable[..., Any] | None = None, *, traced: bool = True) -> EachPoint | Callable[..., EachPoint]:
     """A study (see `sweep`) of a function that is written for one point, whose arguments are then plain numbers.
 

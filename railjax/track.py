@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .checks import guarded, shown
 from .errors import InputError
 from .typing import Number
 
@@ -30,6 +31,7 @@ class Track(Protocol):
         ...
 
 
+@guarded()
 def alignment(track: Track, distance: ArrayLike) -> Distances:
     """Lateral alignment eta in m at any `distance` (m, of any shape) along the track."""
     distance = jnp.asarray(distance, float)
@@ -104,7 +106,12 @@ def check_track(track: Track) -> None:
         ):
             continue
         # NumPy, because under `jit` even constants become tracers of jax.numpy
-        array = np.asarray(value, float)
+        try:
+            array = np.asarray(value, float)
+        except (TypeError, ValueError):
+            array = np.zeros(0)
+        if not array.size:
+            raise InputError(f"track.{key} must be a number, not {shown(value)}")
         wrong = ~np.isfinite(array)
         if np.any(wrong):
             raise InputError(f"track.{key} must be finite, not {array[wrong][0]}")

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from . import minimise
+from .checks import a_table, guarded, whole
 from .dampers import Damper, check_damper
 from .derivatives import differentiated_to_the_end
 from .design_space import OF_DAMPER, DesignSpace
@@ -75,6 +76,7 @@ class Evaluator:
         return float(entry.limit + entry.sign * entry.scale * values[k + 1])
 
 
+@guarded(parameters=a_table, starts=whole(1))
 def tune(
     vehicle: Vehicle,
     parameters: Mapping[Any, Any],

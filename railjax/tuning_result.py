@@ -88,7 +88,7 @@ class Tuning:
             f"Tuning of {self.vehicle.name or 'a vehicle'}: {self.quantity.name}",
             f"  {shown(self.objective_before)} -> {shown(self.objective)} ({shown(self.objective_sharp)} by the sharp laws)",
         ]
-        if abs(self.objective_sharp - self.objective) > DOUBTFUL * abs(self.objective):
+        if not abs(self.objective_sharp - self.objective) <= DOUBTFUL * abs(self.objective):
             lines.append(
                 '  doubtful: the smooth computation does not hold for this answer; narrow the bounds, or use method="time"'
             )

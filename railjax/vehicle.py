@@ -2,7 +2,7 @@
 
 Every number is a leaf: a float, or an array with one value per lane of a batch (trailing axis). Structure (how many
 bogies and axles, which bodies are held, which laws act) is static. Nothing is validated here, because JAX rebuilds
-pytrees with tracers and placeholders; `vehicle_files` validates at the file's boundary.
+pytrees with tracers and placeholders; `vehicle_files` validates at the file's boundary, `arguments` where a vehicle is used.
 
 Springs and dampers are per side: a bogie has two secondary corners, a wheelset two axle boxes.
 """
@@ -17,24 +17,29 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .checks import Kind, a_name, guarded
 from .errors import InputError
 from .typing import Number
 
 
-def quantity(unit: str, symbol: str, meaning: str, default: float | None = None, positive: bool = False) -> Any:
-    """A dataclass field that is a differentiable leaf; its metadata feed the file reader, messages and charts."""
-    metadata = {"unit": unit, "symbol": symbol, "meaning": meaning, "positive": positive}
+def quantity(
+    unit: str, symbol: str, meaning: str, default: float | None = None, positive: bool = False, signed: bool = False
+) -> Any:
+    """A dataclass field that is a differentiable leaf; its metadata feed the file reader, messages, checks and charts. Neither `positive`
+    nor `signed`: 0 or positive."""
+    metadata = {"unit": unit, "symbol": symbol, "meaning": meaning, "positive": positive, "signed": signed}
     return field(metadata=metadata) if default is None else field(default=default, metadata=metadata)
 
 
-def optional(unit: str, symbol: str, meaning: str, positive: bool = False) -> Any:
+def optional(unit: str, symbol: str, meaning: str, positive: bool = False, signed: bool = False) -> Any:
     """A quantity that a part may do without: None, and then no leaf and no code."""
-    return field(default=None, metadata={"unit": unit, "symbol": symbol, "meaning": meaning, "positive": positive})
+    metadata = {"unit": unit, "symbol": symbol, "meaning": meaning, "positive": positive, "signed": signed}
+    return field(default=None, metadata=metadata)
 
 
 def table(unit: str, symbol: str, meaning: str) -> Any:
     """A quantity given by several numbers: an array with one axis of its own, before any lanes."""
-    return field(metadata={"unit": unit, "symbol": symbol, "meaning": meaning, "positive": False, "axes": 1})
+    return field(metadata={"unit": unit, "symbol": symbol, "meaning": meaning, "positive": False, "signed": False, "axes": 1})
 
 
 def structure(default: Any, meaning: str = "") -> Any:
@@ -138,8 +143,8 @@ class LateralDamper:
 
     blow_off_velocity: Number = optional("m/s", "v_0", "velocity at which the lateral damper blows off", positive=True)
     damping_beyond: Number = optional("N s/m", "c_b", "lateral damper's damping beyond blow-off")
-    carbody_height: Number = optional("m", "h_cd", "car body centre above the lateral damper")
-    bogie_to_damper: Number = optional("m", "h_bd", "bogie centre to the lateral damper")
+    carbody_height: Number = optional("m", "h_cd", "car body centre above the lateral damper", signed=True)
+    bogie_to_damper: Number = optional("m", "h_bd", "bogie centre to the lateral damper", signed=True)
     blow_off_width: Number = quantity("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-3)
 
 
@@ -169,9 +174,9 @@ class Geometry:
     half_gauge: Number = quantity("m", "e", "half the distance between the contact points", positive=True)
     half_primary: Number = quantity("m", "d_o", "half the lateral distance of the primary springs")
     half_secondary: Number = quantity("m", "d_c", "half the lateral distance of the secondary springs")
-    carbody_height: Number = quantity("m", "h_cc", "car body centre above the secondary suspension")
-    bogie_to_primary: Number = quantity("m", "h_ob", "bogie centre to the axle suspension")
-    bogie_to_secondary: Number = quantity("m", "h_cb", "bogie centre to the secondary suspension")
+    carbody_height: Number = quantity("m", "h_cc", "car body centre above the secondary suspension", signed=True)
+    bogie_to_primary: Number = quantity("m", "h_ob", "bogie centre to the axle suspension", signed=True)
+    bogie_to_secondary: Number = quantity("m", "h_cb", "bogie centre to the secondary suspension", signed=True)
     half_vertical_damper: Number = optional("m", "d_v", "half the lateral distance of the secondary vertical dampers")
     carbody_to_floor: Number = optional("m", "h_cf", "car body centre above the floor")
     bogie_pattern: tuple[float, ...] = structure((1.0, -1.0), "where the bogies are, from front to rear, in half pivot distances")
@@ -190,7 +195,7 @@ class Contact:
 
     creep_longitudinal: Number = quantity("N", "f_11", "longitudinal creep coefficient")
     creep_lateral: Number = quantity("N", "f_33", "lateral creep coefficient")
-    conicity: Number = quantity("1", "lambda", "effective conicity")
+    conicity: Number = quantity("1", "lambda", "effective conicity", signed=True)
     wheel_load: Number = quantity("N", "Q", "load on one wheel", positive=True)
     friction: Number = quantity("1", "mu", "coefficient of friction", positive=True)
     flange_stiffness: Number = quantity("N/m", "k_f", "flange-rail stiffness")
@@ -262,6 +267,8 @@ class Vehicle:
         return found
 
 
+VEHICLE = Kind("vehicle.Vehicle", "a vehicle, as railjax.load_vehicle gives it")
+
 #: part of a vehicle -> its class; a vehicle may do without those in OPTIONAL
 PARTS: dict[str, type] = {
     f.name: next(kind for kind in (f.type, *get_args(f.type)) if dataclasses.is_dataclass(kind))
@@ -271,6 +278,7 @@ PARTS: dict[str, type] = {
 OPTIONAL = tuple(f.name for f in dataclasses.fields(Vehicle) if f.name in PARTS and f.default is None)
 
 
+@guarded(vehicle=VEHICLE)
 def replace(vehicle: Vehicle, **changes: Any) -> Vehicle:
     """A copy with some parameters changed, named by their path with `__` for the dot.
 
@@ -283,6 +291,7 @@ def replace(vehicle: Vehicle, **changes: Any) -> Vehicle:
     return vehicle
 
 
+@guarded(vehicle=VEHICLE, path=a_name)
 def get_parameter(vehicle: Vehicle, path: str) -> Any:
     """The value at a dotted path, `get_parameter(coach, "primary.stiffness_x")` (SI).
 
@@ -299,6 +308,7 @@ def get_parameter(vehicle: Vehicle, path: str) -> Any:
     return value
 
 
+@guarded(vehicle=VEHICLE, path=a_name)
 def set_parameter(vehicle: Vehicle, path: str, value: Any) -> Vehicle:
     """A copy of the vehicle with the value (SI) at a dotted path changed."""
     get_parameter(vehicle, path)  # refuses a path that does not exist
@@ -322,6 +332,7 @@ def _paths() -> list[str]:
     return [f"{part}.{f.name}" for part, kind in PARTS.items() for f in dataclasses.fields(kind) if "unit" in f.metadata]
 
 
+@guarded(vehicle=VEHICLE)
 def parameters(vehicle: Vehicle | None = None) -> Iterator[tuple[str, dataclasses.Field]]:
     """Dotted path and field (its metadata: unit, symbol, meaning) of every number that all vehicles have, or, given a
     vehicle, of every number (and table) of that one, with its optional parts."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .checks import guarded
 from .dampers import PassiveDamper
 from .deflections import layout
 from .errors import InputError, NumericalError
@@ -52,6 +53,7 @@ class VehicleCheck:
         return "\n".join(lines)
 
 
+@guarded()
 def check_vehicle(vehicle: Vehicle, *, dynamics: bool = True) -> VehicleCheck:
     """Look a vehicle over: parameters, static deflections, weight, radii of gyration, the car body's modes, creep coefficients,
     stability from standstill, linear critical speed, and the step that RK4 holds.

@@ -18,6 +18,7 @@ import jax
 import numpy as np
 
 from . import kalker
+from .checks import guarded
 from .errors import InputError, collecting
 from .units import keys_of
 from .vehicle import OPTIONAL, PARTS, Provenance, Vehicle
@@ -46,6 +47,7 @@ def packaged_vehicles() -> list[str]:
     return sorted(p.name.removesuffix(".toml") for p in _packaged().iterdir() if p.name.endswith(".toml"))
 
 
+@guarded()
 def load_vehicle(name_or_path: str | Path) -> Vehicle:
     """A packaged vehicle by name ("coach", "coach-table1") or a TOML file by path.
 

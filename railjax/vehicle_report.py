@@ -13,6 +13,8 @@ from typing import Any
 
 import jax
 
+from .arguments import ONE_SPEED
+from .checks import guarded, some_names
 from .errors import InputError, NumericalError
 from .lanes import count_lanes, own_axes
 from .precision import require_double_precision
@@ -21,7 +23,6 @@ from .report_page import Section, key_figures, page, paragraph
 from .report_ride import comfort_over_speed, passive_and_semiactive
 from .report_subject import Absent, Part, Subject
 from .report_vehicle import about, all_parameters, loci, modal
-from .simulate import check_speed
 from .spectra import spectrum
 from .typing import Scalar
 from .units import KMH
@@ -56,6 +57,7 @@ class VehicleReport:
     failed: dict[str, str]
     absent: dict[str, str]
 
+    @guarded()
     def save(self, out: str | Path) -> None:
         """Write the page. Raises `InputError` where it cannot be written."""
         try:
@@ -70,6 +72,7 @@ class VehicleReport:
         return "\n".join(lines + [f"  without {slug}: {reason}" for slug, reason in self.absent.items()])
 
 
+@guarded(speed=ONE_SPEED, track=None, sections=some_names)
 def vehicle_report(
     vehicle: Vehicle,
     *,
@@ -92,8 +95,6 @@ def vehicle_report(
     for name in sections:
         if name not in SECTIONS:
             raise InputError(f"no section {name!r}; there are {', '.join(SECTIONS)}")
-    if speed is not None:
-        check_speed(speed)
     spectrum(track)
     subject = Subject(vehicle, None if speed is None else float(speed), track)
     chosen = [entry for entry in ALL if entry[0] in sections]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .checks import guarded
 from .units import SUFFIXES, handy
 from .vehicle import PARTS, Vehicle
 from .vehicle_values import HERTZ_KEYS
@@ -27,6 +28,7 @@ parameter has it, so one that you change above loses its mark; write another if 
 HERTZ = "Instead of the four creep coefficients, from the contact ellipse of this wheel load:"
 
 
+@guarded()
 def vehicle_toml(vehicle: Vehicle, *, name: str = "", source: str = "") -> str:
     """The text of a vehicle file with every key of `vehicle`, commented; `load_vehicle` makes the same vehicle of it.
 

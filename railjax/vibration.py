@@ -5,9 +5,11 @@ import math
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
+from .checks import guarded
 from .errors import InputError
+from .failed_lanes import nan_unless
 from .smooth import sqrt_of_square
 from .weightings import SPERLING, WEIGHTINGS, check_rate, check_weighting, weighting
 
@@ -23,6 +25,7 @@ THIRD_OCTAVES = tuple(range(-3, 16))
 SPERLING_BAND = tuple(10.0 ** ((n + half) / 10.0) for n, half in ((THIRD_OCTAVES[0], -0.5), (THIRD_OCTAVES[-1], 0.5)))
 
 
+@guarded()
 def weighted_acceleration(acceleration: ArrayLike, sampling_rate: float | int, name: str) -> History:
     """A frequency-weighted acceleration, in the unit of `acceleration`, of shape (samples, *lanes), at rest before it begins.
 
@@ -41,10 +44,18 @@ def weighted_acceleration(acceleration: ArrayLike, sampling_rate: float | int, n
     lowest = 0.4 if name in SPERLING else WEIGHTINGS[name].f1
     length = next_fast_len(len(a) + math.ceil(5.0 / lowest * sampling_rate), real=True)
     response = weighting(name, np.fft.rfftfreq(length, 1.0 / sampling_rate))
+    a, sound = _sound(a)
     spectrum = jnp.fft.rfft(a, length, axis=0) * response.reshape((-1,) + (1,) * (a.ndim - 1))
-    return jnp.fft.irfft(spectrum, length, axis=0)[: len(a)]
+    return nan_unless(sound, jnp.fft.irfft(spectrum, length, axis=0)[: len(a)])
 
 
+def _sound(values: History) -> tuple[History, Bool[Array, "*lanes"]]:
+    """The record with 1 in lanes that are not numbers throughout, and which are: so that such a lane spoils no derivative."""
+    sound = jnp.all(jnp.isfinite(values), axis=0)
+    return jnp.where(sound, values, 1.0), sound
+
+
+@guarded()
 def weighted_rms(
     acceleration: ArrayLike, sampling_rate: float | int, name: str = "Wd", settle: float | int = 0.0
 ) -> Float[Array, "*lanes"]:
@@ -52,19 +63,25 @@ def weighted_rms(
 
     The first `settle` seconds are left out after the weighting. Differentiable where the acceleration is not 0 throughout.
     """
-    return rms(weighted_acceleration(acceleration, sampling_rate, name)[round(settle * sampling_rate) :])
+    weighted = weighted_acceleration(acceleration, sampling_rate, name)[round(settle * sampling_rate) :]
+    if not len(weighted):
+        raise InputError(f"settle {settle:g} s leaves nothing of a record of {len(acceleration) / sampling_rate:g} s")
+    return rms(weighted)
 
 
 def rms(values: History) -> Float[Array, "*lanes"]:
     """Root of the mean square over time; its derivative at 0 is 0."""
-    return sqrt_of_square(jnp.mean(values**2, axis=0))
+    values, sound = _sound(values)
+    return nan_unless(sound, sqrt_of_square(jnp.mean(values**2, axis=0)))
 
 
 def block_rms(weighted: History, sampling_rate: float | int) -> Float[Array, "blocks *lanes"]:
     """R.m.s. of successive blocks of 5 s (EN 12299: the continuous comfort C_C); what is left at the end does not count."""
     samples = round(BLOCK * sampling_rate)
     blocks = len(weighted) // samples
-    return sqrt_of_square(jnp.mean(weighted[: blocks * samples].reshape(blocks, samples, *weighted.shape[1:]) ** 2, axis=1))
+    weighted, sound = _sound(weighted)
+    squares = weighted[: blocks * samples].reshape(blocks, samples, *weighted.shape[1:]) ** 2
+    return nan_unless(sound, sqrt_of_square(jnp.mean(squares, axis=1)))
 
 
 @jax.jit
@@ -76,21 +93,25 @@ def mean_comfort(percentiles: list[Float[Array, "*lanes"]]) -> Float[Array, "*la
 def running_maximum(weighted: History, sampling_rate: float | int) -> Float[Array, "*lanes"]:
     """MTVV = max of the running r.m.s. over 1 s (ISO 2631-1, eqs. 2 and 4; linear averaging, whole windows)."""
     samples = round(RUNNING * sampling_rate)
+    weighted, sound = _sound(weighted)
     # the mean taken out, which the differences do not see, so that the sum stays small in single precision
     squares = weighted**2
     mean = jnp.mean(squares, axis=0)
     total = jnp.concatenate([jnp.zeros_like(squares[:1]), jnp.cumsum(squares - mean, axis=0)])
-    return sqrt_of_square(jnp.maximum(jnp.max(total[samples:] - total[:-samples], axis=0) / samples + mean, 0.0))
+    largest = jnp.max(total[samples:] - total[:-samples], axis=0) / samples + mean
+    return nan_unless(sound, sqrt_of_square(jnp.maximum(largest, 0.0)))
 
 
 def vibration_dose(weighted: History, sampling_rate: float | int) -> Float[Array, "*lanes"]:
     """VDV = (integral of a_w(t)^4)^(1/4) in m/s^1.75 (ISO 2631-1, eq. 5)."""
+    weighted, sound = _sound(weighted)
     # fourth powers of numbers near 1, for single precision
     scale = jax.lax.stop_gradient(jnp.max(jnp.abs(weighted), axis=0))
     scale = jnp.where(scale == 0.0, 1.0, scale)
-    return scale * (jnp.sum((weighted / scale) ** 4, axis=0) / sampling_rate) ** 0.25
+    return nan_unless(sound, scale * (jnp.sum((weighted / scale) ** 4, axis=0) / sampling_rate) ** 0.25)
 
 
+@guarded()
 def sperling_bands(
     acceleration: ArrayLike, sampling_rate: float | int, direction: str = "lateral", exponent: float | int = 1.0 / 6.67
 ) -> Float[Array, "bands *lanes"]:
@@ -111,14 +132,16 @@ def sperling_bands(
             f"{len(a) / sampling_rate:.3g} s at {sampling_rate:g} Hz leave a third octave from 0.5 to 31.5 Hz without spectral "
             f"lines; Sperling's index needs about 10 s and 75 Hz"
         )
+    a, sound = _sound(a)
     amplitude = 100.0 * (2.0 / len(a)) * jnp.fft.rfft(a, axis=0)
     squares = (amplitude.real**2 + amplitude.imag**2).reshape(len(frequency), -1)
     sums = (bands * jnp.abs(weighting(name, frequency)) ** 2).astype(squares.dtype) @ squares
     positive = sums > 0.0
     found = jnp.where(positive, jnp.where(positive, sums, 1.0) ** exponent, 0.0)
-    return found.reshape((len(bands), *a.shape[1:]))
+    return nan_unless(sound, found.reshape((len(bands), *a.shape[1:])))
 
 
+@guarded()
 def sperling(
     acceleration: ArrayLike,
     sampling_rate: float | int,
@@ -140,5 +163,7 @@ def sperling(
 
 def combined(bands: Float[Array, "bands *lanes"], power: float | int) -> Float[Array, "*lanes"]:
     """(sum of Wz_i^power)^(1/power)."""
+    bands, sound = _sound(bands)
     total = jnp.sum(bands**power, axis=0)
-    return jnp.where(total > 0.0, jnp.where(total > 0.0, total, 1.0) ** (1.0 / power), 0.0)
+    positive = total > 0.0
+    return nan_unless(sound, jnp.where(positive, jnp.where(positive, total, 1.0) ** (1.0 / power), 0.0))

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
 
+from .checks import guarded
 from .errors import InputError
 
 
@@ -78,6 +79,7 @@ def factors(name: str) -> list[tuple[tuple[float, float, float], tuple[float, fl
     return found
 
 
+@guarded()
 def weighting(name: str, frequency: ArrayLike) -> Complex[Array, "..."]:
     """Complex response of a frequency weighting at frequencies in Hz, of the same shape.
 
@@ -107,6 +109,7 @@ def weighting(name: str, frequency: ArrayLike) -> Complex[Array, "..."]:
 TOLERANCE, UP_TO = 5e-3, 40.0
 
 
+@guarded()
 def weighting_filter(name: str, sampling_rate: float | int) -> Float[np.ndarray, "sections 6"]:
     """A weighting of ISO 2631-1 or EN 12299 as second-order sections for `scipy.signal.sosfilt(sections, record, axis=0)`.
 

@@ -419,7 +419,7 @@ def spoiled(value):
         (lambda: record(20.0, bogie_acceleration=np.sin), {"bogie_mass": None}, "bogie_mass is needed"),
         (lambda: record(20.0, guiding_force=np.sin), {"axle_load": -1.0}, "axle_load must be positive"),
         (lambda: record(20.0, guiding_force=np.sin), {"section_length": 50.0}, "section_length must be 70 m or more"),
-        (lambda: record(20.0, guiding_force=np.sin), {"margin": -1.0}, "margin must be 0 or a positive"),
+        (lambda: record(20.0, guiding_force=np.sin), {"margin": -1.0}, "margin must be 0 or positive"),
         (lambda: record(20.0, guiding_force=np.sin), {"hunting_frequency": 99.0}, "hunting_frequency 99 Hz is too high"),
         (lambda: record(20.0, guiding_force=np.sin), {"prudhomme_factor": 0.0}, "prudhomme_factor must be positive"),
     ],

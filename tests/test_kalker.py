@@ -55,7 +55,8 @@ def test_table_is_monotonic_and_flat_outside():
     for column in (c.c11, c.c22, c.c23):
         assert np.all(np.diff(np.asarray(column)) > -1e-12)
     assert np.all(np.diff(np.asarray(c.c33)) < 1e-12)
-    assert float(railjax.kalker_coefficients(20.0).c11) == float(railjax.kalker_coefficients(10.0).c11)
+    ends = jax.jit(railjax.kalker_coefficients)(jnp.array([10.0, 20.0])).c11  # refused where it is known
+    assert ends[0] == ends[1]
 
 
 def test_circular_contact_has_the_closed_form():

@@ -203,7 +203,7 @@ def test_the_host_s_way_is_the_compiled_one_s(coach):
     """One vehicle, of numbers known or traced: the same codes, the same numbers."""
     many = railjax.vehicle.without_labels(scattered("coach", np.log(5.0), 40, seed=1))
     traced = jax.jit(railjax.linear_critical)
-    broken = railjax.replace(railjax.vehicle.without_labels(coach), carbody__mass=np.nan)
+    broken = railjax.replace(railjax.vehicle.without_labels(coach), carbody__mass=1e-320)
     codes = set()
     for vehicle in (
         *(jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k], many) for k in range(40)),
@@ -425,7 +425,7 @@ def test_root_locus_is_continuous_and_keeps_its_names(coach):
 def test_modes_at_no_speed_are_refused(coach, speed):
     with pytest.raises(railjax.InputError, match="speed must be positive"):
         railjax.modes(coach, speed)
-    with pytest.raises(railjax.InputError, match="rising order"):
+    with pytest.raises(railjax.InputError, match=r"positive|rising order"):
         railjax.root_locus(coach, np.array([speed, 10.0]))
 
 

@@ -97,7 +97,7 @@ def test_blocks_cover_every_point_once_and_are_no_larger_than_asked(shape, large
         ({"speed": [50.0]}, {"samples": 4}, "samples is for latin-hypercube and sobol"),
         ({"speed": (50.0, 60.0)}, {"design": "sobol"}, "needs samples="),
         ({"speed": (50.0, 60.0)}, {"design": "sobol", "samples": 0}, "needs samples="),
-        ({"speed": (50.0, 60.0)}, {"design": "sobol", "samples": 4, "seed": -1}, "seed must be an integer"),
+        ({"speed": (50.0, 60.0)}, {"design": "sobol", "samples": 4, "seed": -1}, "seed must be a whole number"),
         ({"speed": (60.0, 50.0)}, {"design": "sobol", "samples": 4}, "the range must rise"),
         ({"speed": [50.0, 60.0, 70.0]}, {"design": "sobol", "samples": 4}, "give a range (low, high)"),
         ({"contact.conicity": (0.0, 0.1, "log")}, {"design": "sobol", "samples": 4}, "must be positive"),

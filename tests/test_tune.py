@@ -98,7 +98,7 @@ def test_bad_parameters_are_refused(coach, bounds, message):
         (lambda coach: railjax.tune(coach, TWO, Power(), starts=0), "starts"),
         (lambda coach: railjax.tune(coach, TWO, Power(), optimiser="newton"), "optimiser"),
         (lambda coach: Power() >= np.nan, "finite number"),
-        (lambda coach: aim.comfort(-3.0), "speed must be positive"),
+        (lambda coach: aim.comfort(-3.0), "speeds must be positive"),
         (lambda coach: aim.comfort(50.0, "erri-hi"), "erri-high"),
         (lambda coach: aim.comfort(50.0, weighting="Wx"), "Wx"),
         (lambda coach: aim.comfort(50.0, method="magic"), "method"),

@@ -1,0 +1,163 @@
+"""A lane that fails is marked, NaN, and without effect on the derivatives of what it shares with the others."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import railjax
+from railjax.simulate import initial_state
+from railjax.vibration import vibration_dose
+
+LANES = 3  # the last one fails
+RUN = {"duration": 0.2, "sample": 0.02, "track": railjax.SinusoidTrack(2e-3, 20.0), "record": ("carbody_acceleration",)}
+#: what a lane has of its own, and one at a time what makes it fail
+OWN = {"carbody.mass": 34e3, "contact.friction": 0.3, "wheelset.mass": 1400.0, "start": 1e-3}
+FAULTS = [
+    ("carbody.mass", np.nan),
+    ("contact.friction", np.nan),
+    ("wheelset.mass", 1e-9),
+    ("start", 1e200),
+    ("start", np.nan),
+]
+
+
+def lanes_with(path, bad):
+    return {name: jnp.full(LANES, value).at[-1].set(bad if name == path else value) for name, value in OWN.items()}
+
+
+def total(values, ok):
+    """Of the lanes that can be used; the derivative of their root is NaN where they are."""
+    return jnp.sum(jnp.where(ok, jnp.sqrt(values), 0.0)), ok
+
+
+@pytest.fixture(scope="module")
+def slopes(coach):
+    """By what all lanes share, a stiffness: backwards in one batch and by `vmap`, and forwards."""
+
+    def run(shared, own, initial):
+        vehicle = railjax.replace(coach, primary__stiffness_x=shared * coach.primary.stiffness_x)
+        for path in own:
+            vehicle = railjax.set_parameter(vehicle, path, own[path])
+        found = railjax.simulate(vehicle, 40.0, initial=initial, **RUN)
+        return jnp.mean(found["carbody_acceleration"] ** 2, axis=0), found.ok
+
+    def batch(shared, own):
+        own = dict(own)
+        start = jax.vmap(lambda y: initial_state(coach, railjax.PassiveDamper(), {"wheelset_y": y}), out_axes=1)(own.pop("start"))
+        return total(*run(shared, own, start))
+
+    def one(shared, own):
+        own = dict(own)
+        return run(shared, own, {"wheelset_y": own.pop("start")})
+
+    def mapped(shared, own):
+        return total(*jax.vmap(one, (None, 0))(shared, own))
+
+    def forward(shared, own):
+        return jax.jvp(lambda shared: mapped(shared, own)[0], (shared,), (1.0,))[1]
+
+    return [jax.jit(jax.grad(batch, has_aux=True)), jax.jit(jax.grad(mapped, has_aux=True))], jax.jit(forward)
+
+
+@pytest.mark.parametrize(("path", "bad"), FAULTS)
+def test_simulate(slopes, path, bad):
+    backwards, forwards = slopes
+    # a sum over two of three lanes that are alike
+    wanted = 2.0 / 3.0 * backwards[0](1.0, lanes_with(None, None))[0]
+    for function in backwards:
+        slope, ok = function(1.0, lanes_with(path, bad))
+        assert list(ok) == [True] * (LANES - 1) + [False]
+        np.testing.assert_allclose(slope, wanted, rtol=1e-9)
+    np.testing.assert_allclose(forwards(1.0, lanes_with(path, bad)), wanted, rtol=1e-7)
+
+
+def test_a_lane_that_diverges_on_its_way(coach):
+    """Without a flange and far above its critical speed."""
+    vehicle = railjax.replace(coach, contact__law="linear")
+
+    def lanes(shared):
+        stiffer = railjax.replace(vehicle, primary__stiffness_x=shared * jnp.full(2, coach.primary.stiffness_x))
+        run = railjax.simulate(stiffer, jnp.array([20.0, 140.0]), initial={"wheelset_y": 1e-3}, duration=30.0, dt=2e-3)
+        return jnp.sum(jnp.where(run.ok, run["carbody_acceleration"] ** 2, 0.0)), run
+
+    slope, run = jax.jit(jax.grad(lanes, has_aux=True))(1.0)
+    assert list(run.code) == [railjax.Result.OK, railjax.Result.DIVERGED]
+    assert 0.0 < abs(slope) < np.inf
+    assert list(np.isnan(run.final).any(axis=0)) == [False, True]
+    assert list(np.isnan(run["carbody_acceleration"][:, 1])[[0, -1]]) == [False, True], "up to where it diverged"
+
+
+def responded(vehicle, function):
+    found = function(vehicle, 40.0)
+    response = getattr(found, "response", found)
+    return total(response.rms("carbody_acceleration") ** 2, response.growth < 0.0)
+
+
+def statistical(vehicle, speed):
+    return railjax.statistical_linearisation(vehicle, speed, points=64)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda vehicle: responded(vehicle, lambda *given: railjax.frequency_response(*given, points=64)),
+        lambda vehicle: total((found := railjax.linear_critical(vehicle)).speed, found.code == railjax.Stability.OK),
+        lambda vehicle: total((found := railjax.nonlinear_critical(vehicle)).speed, found.code == railjax.Hunting.OK),
+    ],
+    ids=["frequency_response", "linear_critical", "nonlinear_critical"],
+)
+def test_other_results(coach, function):
+    def of(shared, bad):
+        mass = coach.carbody.mass * jnp.array([1.0, bad])
+        return function(railjax.replace(coach, carbody__mass=mass, primary__stiffness_x=shared * coach.primary.stiffness_x))
+
+    (slope, ok), (both, _) = (jax.grad(of, has_aux=True)(1.0, bad) for bad in (np.nan, 1.0))
+    assert list(ok) == [True, False]
+    np.testing.assert_allclose(slope, 0.5 * both, rtol=1e-6)
+
+
+@pytest.mark.parametrize("bad", [{"contact.friction": np.nan}, {"carbody.mass": np.nan}, {"secondary.stiffness_y": -1e7}])
+def test_statistical_linearisation(coach, bad):
+    """A lane without a number, and one that is unstable."""
+    ((path, value),) = bad.items()
+
+    def one(shared, own):
+        vehicle = railjax.replace(coach, primary__stiffness_x=shared * coach.primary.stiffness_x)
+        found = statistical(railjax.set_parameter(vehicle, path, own), 40.0)
+        return found.response.rms("carbody_acceleration"), found.change
+
+    def both(shared):
+        values, change = jax.vmap(one, (None, 0))(shared, jnp.array([railjax.get_parameter(coach, path), value]))
+        ok = change < 1e-4
+        return total(values**2, ok)
+
+    slope, ok = jax.grad(both, has_aux=True)(1.0)
+    assert list(ok) == [True, False]
+    np.testing.assert_allclose(slope, jax.grad(lambda shared: one(shared, railjax.get_parameter(coach, path))[0])(1.0), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "measure",
+    [
+        lambda a: railjax.weighted_rms(a, 200.0),
+        lambda a: railjax.sperling(a, 200.0),
+        lambda a: vibration_dose(a, 200.0),
+    ],
+    ids=["weighted_rms", "sperling", "dose"],
+)
+def test_measures_of_vibration(measure):
+    """A lane that is no number has no ride, least of all the best there is, and the scale of all keeps its derivative."""
+    rides = np.random.default_rng(0).standard_normal((3000, 2))
+    rides[7, 1] = np.nan
+    values = measure(jnp.asarray(rides))
+    assert 0.0 < values[0] < np.inf
+    assert np.isnan(values[1])
+
+    def scaled(lane, scale):
+        # the scale acts on numbers only
+        return measure(jnp.where(jnp.isnan(rides), jnp.nan, scale * np.nan_to_num(rides))[:, lane])
+
+    slope = jax.grad(lambda scale: total(both := scaled(slice(None), scale), jnp.isfinite(both))[0])(1.0)
+    wanted = jax.grad(lambda scale: jnp.sqrt(scaled(0, scale)))(1.0)
+    np.testing.assert_allclose(slope, wanted, rtol=1e-9)
