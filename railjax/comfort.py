@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .arguments import an_acceleration
-from .checks import guarded, positive
+from .checks import Rising, from_zero, guarded, positive, shown
 from .comfort_result import DIRECTIONS, Comfort
 from .deflections import CARBODY_TO_FLOOR, FLOOR_POINTS, lateral_of_carbody
 from .errors import InputError
@@ -45,7 +45,15 @@ LOWEST_RATE = 100.0
 CHANNELS_OF_COMFORT = ("floor_acceleration", "carbody_acceleration")
 
 
-@guarded(acceleration=an_acceleration, sperling_exponent=positive(), sperling_power=positive())
+def _pairs(key: str, value: Any) -> None:
+    """Stretches of time, each from and to."""
+    if not isinstance(value, (list, tuple)) or not all(isinstance(pair, (list, tuple)) for pair in value):
+        raise InputError(f"{key} must be a list of pairs (from, to) in s, not {shown(value)}")
+    for pair in value:
+        Rising(from_zero("s"), 2, 2)(key, pair)
+
+
+@guarded(acceleration=an_acceleration, sperling_exponent=positive(), sperling_power=positive(), transitions=_pairs)
 def comfort(
     acceleration: ArrayLike | Simulation | Mapping[str, ArrayLike],
     sampling_rate: float | int | None = None,

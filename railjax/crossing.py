@@ -14,6 +14,7 @@ The same array code runs in NumPy, for many lanes in step, and inside a function
 """
 
 import contextlib
+import functools
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -32,6 +33,8 @@ NEAR = 1e-6
 APART = 8.0
 #: share of the proof's reserve that an interval should use, and how lengths shrink where they prove too long
 AIM, SHRINKING = 0.5, 0.6
+#: largest error of W X = 1
+INVERTED = 1e-5
 #: |lambda| (1/s) of an eigenvalue that is zero at all speeds (a defective pair is rounded to some 1e-6), and the real part of a mode
 #: that is undamped at all speeds
 ZERO, UNDAMPED = 1e-4, 1e-9
@@ -122,7 +125,8 @@ def _modes(of: Pencil, s: Any, xp: ModuleType) -> _Modes:
     if of.by_speed is not None:
         matrix, by_s = matrix + of.by_speed / slowness, by_s - of.by_speed / slowness**2
     values, x = xp.linalg.eig(matrix)
-    w = _each_or_nan(xp.linalg.inv, xp, x)
+    w, left_over = _inverse(x, xp)
+    w = xp.where((xp.abs(left_over).max(axis=(1, 2)) < INVERTED)[:, None, None], w, xp.nan)
     if of.by_speed is not None:
         turning = xp.abs(w @ of.by_speed @ x)
     modes = _Modes(values, x, w, w @ by_s @ x, turning, None)
@@ -130,18 +134,49 @@ def _modes(of: Pencil, s: Any, xp: ModuleType) -> _Modes:
     return modes._replace(neutral=(xp.abs(values.real) < least) & (s[:, None] * xp.abs(modes.drift.real) < least))
 
 
-def _each_or_nan(function: Any, xp: ModuleType, *arrays: Any) -> Any:
-    """A function of stacked matrices with NaN for singular ones, which NumPy refuses all together."""
-    if xp is not np:
-        return function(*arrays)
-    try:
-        return function(*arrays)
-    except np.linalg.LinAlgError:
-        found = np.full_like(arrays[-1], np.nan)
-        for lane in range(len(found)):
-            with contextlib.suppress(np.linalg.LinAlgError):
-                found[lane] = function(*(array[lane] for array in arrays))
-        return found
+def _inverse(x: Any, xp: ModuleType) -> tuple[Any, Any]:
+    """W = X^-1, and 1 - W X."""
+    eye = xp.eye(x.shape[-1])
+    if xp is np:
+        w = _solved(x, np.broadcast_to(eye, x.shape), np)
+        return w, eye - w @ x
+    turn = _rotation(x.shape[-1])
+    w = _solved(turn @ x, jnp.broadcast_to(turn, x.shape), jnp)
+    w = w + (eye - w @ x) @ w  # Newton's step
+    return w, eye - w @ x
+
+
+@functools.cache
+def _rotation(n: int) -> Float[np.ndarray, "n n"]:
+    """Some rotation, after which the pivots of a matrix need not be searched for."""
+    return np.linalg.qr(np.random.default_rng(0).normal(size=(n, n)))[0]
+
+
+def _solved(matrix: Any, right: Any, xp: ModuleType) -> Any:
+    """matrix^-1 right of stacked matrices, NaN where one is singular.
+
+    Compiled, by elimination without LAPACK, whose threads get into each other's way where two CPU devices call it (15 ms for 3 ms), and
+    without a search for pivots: what it finds is tested.
+    """
+    if xp is np:
+        try:
+            return np.linalg.solve(matrix, right)
+        except np.linalg.LinAlgError:
+            found = np.full(right.shape, np.nan, np.result_type(matrix, right))
+            for lane in range(len(found)):
+                with contextlib.suppress(np.linalg.LinAlgError):
+                    found[lane] = np.linalg.solve(matrix[lane], right[lane])
+            return found
+    n = matrix.shape[-1]
+    index = jnp.arange(n)[:, None]
+
+    def eliminate(k: Array, both: Array) -> Array:
+        row = both[:, k] / both[:, k, k, None]
+        column = both[:, :, k, None]
+        return jnp.where(index == k, row[:, None], both - column * row[:, None])
+
+    both = jnp.concatenate([matrix, right.astype(matrix.dtype)], axis=2)
+    return jax.lax.fori_loop(0, n, eliminate, both)[:, :, n:]
 
 
 def _proved(modes: _Modes, curved: Any, lower: Any, upper: Any, xp: ModuleType) -> Any:
@@ -165,10 +200,11 @@ def _proved(modes: _Modes, curved: Any, lower: Any, upper: Any, xp: ModuleType) 
     real = xp.maximum((values - lower[:, None] * drift).real, (values + upper[:, None] * drift).real)
     decay = xp.where(modes.neutral, 1.0, -real)
     comparison = (eye - turned) - rest / decay[:, None, :]
-    weights = _each_or_nan(xp.linalg.solve, xp, comparison, xp.ones((*values.shape, 1)))
-    again = _each_or_nan(xp.linalg.solve, xp, comparison, weights)
+    weights = _solved(comparison, xp.ones((*values.shape, 1)), xp)
+    again = _solved(comparison, weights, xp)
+    fits = (comparison @ weights > 0.0).all(axis=(1, 2))  # with weights > 0 that is what makes it an M-matrix
     used = 1.0 - 1.0 / xp.max(again / weights, axis=(1, 2))  # its spectral radius, by Collatz and Wielandt
-    return (decay > 0.0).all(axis=1) & (weights > 0.0).all(axis=(1, 2)), used  # False for NaN
+    return fits & (decay > 0.0).all(axis=1) & (weights > 0.0).all(axis=(1, 2)), used  # False for NaN
 
 
 def _advance(of: Pencil, end: Any, search: Search, xp: ModuleType) -> Search:

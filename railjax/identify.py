@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import time
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -43,8 +43,15 @@ Method = Literal["levenberg-marquardt", "adam"]
 VoltageLaw = Literal["saturating", "linear"]
 
 
+def _records(key: str, value: Any) -> None:
+    """A record, or several."""
+    for one in value if isinstance(value, (list, tuple)) and value else [value]:
+        Kind("record.Record", "a railjax.Record")(key, one)
+
+
 @guarded(
-    record=Kind("record.Record", "a railjax.Record"),
+    record=_records,
+    leave_out_jolts=FLAG,
     starts=whole(1),
     iterations=whole(1),
     fit_share=Range("1", 0.1, 0.95),

@@ -185,6 +185,11 @@ def _compiled(
 
 def _on_host(lanes: int | None, trees: tuple, lowest: float, highest: float) -> tuple[Crossing, Int[np.ndarray, "..."]]:
     """Of known numbers, by LAPACK on the host, so that only E is compiled."""
+    with np.errstate(invalid="ignore"):  # NaN is a lane that fails
+        return _searched(lanes, trees, lowest, highest)
+
+
+def _searched(lanes: int | None, trees: tuple, lowest: float, highest: float) -> tuple[Crossing, Int[np.ndarray, "..."]]:
     speeds = speeds_of(lowest, highest)
     gyroscopic = trees[0].gyroscopic
     if lanes is None:

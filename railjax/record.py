@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from . import file_units
-from .checks import a_path, guarded, whole
+from .checks import Range, a_path, from_zero, guarded, whole
 from .csv_columns import TIME_NAMES, TIME_UNITS, Columns, Samples, read_columns
 from .errors import InputError
 from .stamps import BRIDGE, sampling
@@ -81,6 +81,7 @@ class Record:
         """The samples before number `last`."""
         return self._picked([slice(s.start, min(s.stop, last)) for s in self.stretches if s.start < last], self.dt)
 
+    @guarded(share=Range("1", 0.0, 1.0))
     def share(self, share: float) -> "Record":
         """The first share of each stretch."""
         return self._picked([slice(s.start, s.start + int(share * (s.stop - s.start))) for s in self.stretches], self.dt)
@@ -122,7 +123,7 @@ def joined(records: Sequence[Record]) -> Record:
     )
 
 
-@guarded(path=a_path)
+@guarded(path=a_path, bridge=from_zero("s"))
 def read_record(
     path: str | Path,
     *,

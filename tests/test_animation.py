@@ -228,7 +228,7 @@ def test_files_that_cannot_be_written(wheelset, still, run, tmp_path, monkeypatc
         railjax.animate(wheelset, still, tmp_path / "mode.mp4")
     with pytest.raises(railjax.InputError, match="start and stop are for a Simulation"):
         railjax.animate(wheelset, still, tmp_path / "mode.gif", start=1.0)
-    with pytest.raises(railjax.InputError, match="slow must be a positive number"):
+    with pytest.raises(railjax.InputError, match="slow must be positive"):
         railjax.animate(wheelset, run, tmp_path / "run.gif", slow=0.0)
     assert not list(tmp_path.iterdir())
 

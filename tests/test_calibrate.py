@@ -108,7 +108,7 @@ def test_more_results_than_unknowns_are_met_in_the_least_squares_sense(bogie):
         ({"g": ("contact.conicity",)}, {"linear_kmh": 200.0}, {"start": {"g": 0.0}}, "between the bounds"),
         ({"g": ("contact.friction",)}, {"linear_kmh": 200.0}, {}, "moves none of the results"),
         ({}, {"linear_kmh": 200.0}, {}, "must each name something"),
-        ({"g": ("contact.conicity",)}, {"linear_kmh": 200.0}, {"bounds": (2.0, 1.0)}, "smaller first"),
+        ({"g": ("contact.conicity",)}, {"linear_kmh": 200.0}, {"bounds": (2.0, 1.0)}, "rising order"),
         ({"g": ("contact.conicity",)}, {"linear_kmh": 200.0}, {"start": {"g": 0.011}}, "no linear critical speed"),
     ],
 )

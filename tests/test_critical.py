@@ -225,4 +225,4 @@ def test_single_precision_is_refused():
 
 def test_annotations_are_checked():
     with pytest.raises(TypeCheckError):
-        railjax.nonlinear_critical("coach")
+        railjax.orbits.rounded("coach")

@@ -260,10 +260,10 @@ def test_a_record_without_command(record):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"fit_share": 0.99}, "fit_share must lie between 0.1 and 0.95, not 0.99"),
-        ({"starts": 0}, "starts must be at least 1"),
+        ({"fit_share": 0.99}, "fit_share must be a number between 0.1 and 0.95, not 0.99"),
+        ({"starts": 0}, "starts must be a whole number from 1 on"),
         ({"settle": 4.0}, "leave too little of a record of 6 s"),
-        ({"settle": -1.0}, "leave too little"),
+        ({"settle": -1.0}, "settle must be 0 or positive"),
     ],
 )
 def test_options_out_of_range(record, options, message):

@@ -53,6 +53,7 @@ def test_matrices_of_eq_2_and_4(coach):
         contact__creep_lateral=0.0,
         contact__creep_lateral_spin=0.0,
         contact__creep_spin=0.0,
+        contact__law="linear",
     )
     elastic = np.asarray(railjax.matrices(frictionless, 50.0).stiffness)
     np.testing.assert_allclose(elastic, elastic.T, rtol=1e-10, atol=1e-4)

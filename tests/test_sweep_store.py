@@ -400,7 +400,7 @@ OTHER = SMALL.replace('"least-damping"', '"forced-run"')
         (SMALL + '[track]\nkind = "tangent"', "takes no track"),
         (OTHER + "[options]\nduration = 3", "did you mean options.duration_s?"),
         (OTHER + "[options]\nduration_s = 1\nduration_ms = 1000", "duration is given twice"),
-        (OTHER + "[options]\nduration_s = 0", "duration must be a positive number"),
+        (OTHER + "[options]\nduration_s = 0", "duration must be positive"),
         (OTHER + "[options]\nreduce = [3]", "options.reduce must be a list of names"),
         (OTHER + '[options]\nreduce = ["rms:speed"]', "unknown channel 'speed'"),
         (OTHER + "[options]\ninitial = 3", "must be a table of coordinates"),
