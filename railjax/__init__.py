@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from .vibration import sperling, weighted_acceleration, weighted_rms
     from .weightings import weighting, weighting_filter
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 __all__ = [
     "ADD",
