@@ -101,7 +101,9 @@ if __name__ == "__main__":
         print("passes", passes(pair), "slowed 1.5-fold", passes(pair, 1.5))
     else:
         record = json.loads(KEPT.read_text()) if KEPT.exists() else {"ratios": {}}
-        record["how"] = "median of 9 times Sweep.ratio of tests/test_regression.py, CPU time per variant, loop over batch; the batch proves that no crossing is lower, the loop does not"
+        record["how"] = (
+            "median of 9 times Sweep.ratio of tests/test_regression.py, CPU time per variant, loop over batch; the batch proves that no crossing is lower, the loop does not"
+        )
         record["machine"] = f"{platform.machine()}, {jax.local_device_count()} core(s)"
         record["ratios"][SERIES] = round(float(np.median([pair.ratio() for _ in range(9)])), 3)
         KEPT.write_text(json.dumps(record, indent=1) + "\n")
