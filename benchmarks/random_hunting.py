@@ -78,7 +78,11 @@ def main(vehicles: int = 60, seed: int = 0) -> int:
             contradiction = hunts(vehicle, speeds)
         if code in (railjax.Hunting.FAILED, railjax.Hunting.STEP_TOO_LARGE) or contradiction.any():
             wrong += 1
-            at = "" if code == railjax.Hunting.FAILED else f", but hunts at {np.round(speeds[contradiction] * KMH, 1)} km/h"
+            at = (
+                ""
+                if code in (railjax.Hunting.FAILED, railjax.Hunting.STEP_TOO_LARGE)
+                else f", but hunts at {np.round(speeds[contradiction] * KMH, 1)} km/h"
+            )
             print(f"vehicle {number}: {code.name}, {float(found.speed) * KMH:.2f} km/h{at}", flush=True)
     counted = ", ".join(f"{count} {code.name}" for code, count in codes.items() if count)
     print(

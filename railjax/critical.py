@@ -1,5 +1,6 @@
 """The nonlinear critical speed: the lowest at which a limit cycle exists, the fold of its branch; and its gradient."""
 
+import dataclasses
 from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple
@@ -143,9 +144,25 @@ def _many(lanes: Sequence[tuple], slopes: bool, wheelset: int, steps: int | None
             searches[k] = search_of(Model(*trees), float(speed), float(frequency), wheelset, steps)
     if searches:
         search_folds(list(searches.values()))
+    if steps is None:
+        finer = {k: again for k, search in searches.items() if (again := _finer(search)) is not None}
+        if finer:
+            search_folds(list(finer.values()))
+            searches |= finer
     rows = [_judged(searches.get(k), *(float(value) for value in linear)) for k, (_, linear) in enumerate(lanes)]
     values = tuple(np.array(column) for column in zip(*rows, strict=True))
     return Answer(values, [_slopes(searches.get(k), lane, values[3][k]) for k, lane in enumerate(lanes)] if slopes else None)
+
+
+def _finer(search: FoldSearch) -> FoldSearch | None:
+    """The search with more steps, where the fold has a longer period than those were chosen for."""
+    if search.fold is None:
+        return None
+    orbit = unpack(search.model, search.shooting, search.fold.unknowns)
+    half = enough_steps(search.model, 2.0 * float(orbit.speed), 1.0 / float(orbit.period))
+    if half <= search.shooting.steps or not np.isfinite(half):
+        return None
+    return FoldSearch(search.model, dataclasses.replace(search.shooting, steps=half), search.hopf, search.stable)
 
 
 def _judged(search: FoldSearch | None, speed: float, frequency: float, code: float) -> tuple[float, float, float, Hunting]:

@@ -34,6 +34,8 @@ ALIKE = 1e-3
 LARGE, LARGER, SMALL = 1.1, 2.0, 0.1
 #: from this share of a fold's speed on motions begin as large as the fold's: a larger one falls past the limit cycles near it
 NEAR_FOLD = 0.998
+#: and from this share on wheelsets displaced at rest are tried as well: they hit limit cycles of small basins, in which one bogie hunts alone
+FROM_REST = 0.97
 #: speeds tried between one at which nothing goes on and one at which something does that is no limit cycle; how often
 BETWEEN, NARROWINGS = 6, 3
 #: share of the flange clearance at which the branch is entered at the Hopf point
@@ -79,8 +81,8 @@ class FoldSearch:
         state, most = states[np.argmax(displaced)], float(np.max(displaced))
         for share in ABOUT_FOLD:
             yield from self._starts(state, period, share * speed, LARGE * max(clearance, most) if share < NEAR_FOLD else most)
-            # limit cycles of small basins, in which one bogie hunts alone, are hit by other motions: from wheelsets displaced at rest
-            yield from self._starts(displaced_wheelsets(self.model), period, share * speed, clearance)
+            if share >= FROM_REST:
+                yield from self._starts(displaced_wheelsets(self.model), period, share * speed, clearance)
 
     def _speeds(self) -> Float[np.ndarray, "speeds"]:
         """Those at which motions are tried as long as no fold is known, m/s."""
