@@ -20,11 +20,6 @@ TOGETHER = 15
 Along = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def concrete(*trees: object) -> bool:
-    """Whether all leaves are numbers, and not what JAX traces a function with."""
-    return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
-
-
 def along_speed(vehicle: Vehicle, damper: Damper, flange: bool = False) -> Along:
     """The function that gives E (`state_matrix`, also as to the `flange`) and its derivative with respect to the speed at each of some
     speeds (m/s), for a vehicle without lanes."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .arguments import an_acceleration
-from .checks import Rising, from_zero, guarded, positive, shown
+from .checks import Rising, from_zero, guarded, positive, shown, traced
 from .comfort_result import DIRECTIONS, Comfort
 from .deflections import CARBODY_TO_FLOOR, FLOOR_POINTS, lateral_of_carbody
 from .errors import InputError
@@ -240,7 +240,7 @@ def _of_simulation(run: Simulation, channel: str | None, place: str | int | None
 def _checked(direction: str, values: ArrayLike, ok: np.ndarray | bool) -> Float[np.ndarray, "samples *lanes"]:
     if direction not in (*DIRECTIONS, ROLL_RATE):
         raise InputError(f"direction {direction!r} is not one of {', '.join(DIRECTIONS)}")
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)):
+    if traced(values):
         raise InputError("comfort reports numbers and has no derivative; inside a transformation use weighted_rms or sperling")
     try:
         record = np.asarray(values, float)

@@ -160,7 +160,7 @@ def _finer(search: FoldSearch) -> FoldSearch | None:
         return None
     orbit = unpack(search.model, search.shooting, search.fold.unknowns)
     half = enough_steps(search.model, 2.0 * float(orbit.speed), 1.0 / float(orbit.period))
-    if half <= search.shooting.steps or not np.isfinite(half):
+    if half <= search.shooting.steps:
         return None
     return FoldSearch(search.model, dataclasses.replace(search.shooting, steps=half), search.hopf, search.stable)
 

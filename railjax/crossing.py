@@ -248,10 +248,10 @@ def _start(of: Pencil, begin: Any, xp: ModuleType) -> tuple[Search, Outcome]:
     """Before the first interval; lanes that end at once, because they are unstable at the lowest speed or not finite, are done."""
     modes = _modes(of, begin, xp)
     growth = xp.max(xp.where(modes.neutral, -xp.inf, modes.values.real), axis=1)
-    none = xp.zeros(begin.shape, bool)
     failed, unstable = ~xp.isfinite(modes.values).all(axis=1), growth > 0.0
+    none, gaps, crossed = (xp.zeros(begin.shape, bool) for _ in range(3))  # each its own: NumPy writes into those of the search
     search = Search(
-        begin, FIRST * begin, xp.full(begin.shape, -xp.inf), xp.full(begin.shape, SHARE), none, ~failed & none, failed | unstable
+        begin, FIRST * begin, xp.full(begin.shape, -xp.inf), xp.full(begin.shape, SHARE), gaps, crossed, failed | unstable
     )
     return search, Outcome(none, unstable, none, failed)
 

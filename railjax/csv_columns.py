@@ -44,6 +44,10 @@ class Columns:
     there: str = field(repr=False)
 
 
+#: how the columns and units are named in a call from Python, for messages
+IN_PYTHON = ("columns['{}']", "units['{}']")
+
+
 def read_columns(
     path: Path,
     names: Names,

@@ -68,21 +68,28 @@ class FoldSearch:
         clearance = float(self.model.vehicle.contact.flange_clearance)
         if self.fold is None:
             largest = [LARGE * clearance] + ([LARGER * clearance] if self.stable else [])
-            for speed in self._speeds():
-                at, mode = (speed, wheelset_mode) if self.stable else (self.hopf, hunting_mode)
-                state, omega = mode(self.model, self.shooting, at)
+            speeds = self._speeds()
+            if not self.stable:
+                state, omega = hunting_mode(self.model, self.shooting, self.hopf)
+                steps = steps_of_period(self.model, speeds[0], 2.0 * np.pi / omega)
+            for speed in speeds:
+                if self.stable:
+                    state, omega = wheelset_mode(self.model, self.shooting, speed)
+                    steps = steps_of_period(self.model, speed, 2.0 * np.pi / omega)
                 for displacement in largest:
-                    yield from self._starts(state, 2.0 * np.pi / omega, speed, displacement)
+                    yield from self._starts(state, 2.0 * np.pi / omega, speed, displacement, steps)
             return
         orbit = unpack(self.model, self.shooting, self.fold.unknowns)
         period, speed = float(orbit.period), float(orbit.speed)
         states = one_period(self.model, orbit, steps_of_period(self.model, speed, period))
         displaced = np.max(np.abs(states[:, self.model.displacements]), axis=1)
         state, most = states[np.argmax(displaced)], float(np.max(displaced))
+        steps = steps_of_period(self.model, ABOUT_FOLD[0] * speed, period)  # the slower, the more
         for share in ABOUT_FOLD:
-            yield from self._starts(state, period, share * speed, LARGE * max(clearance, most) if share < NEAR_FOLD else most)
+            displacement = LARGE * max(clearance, most) if share < NEAR_FOLD else most
+            yield from self._starts(state, period, share * speed, displacement, steps)
             if share >= FROM_REST:
-                yield from self._starts(displaced_wheelsets(self.model), period, share * speed, clearance)
+                yield from self._starts(displaced_wheelsets(self.model), period, share * speed, clearance, steps)
 
     def _speeds(self) -> Float[np.ndarray, "speeds"]:
         """Those at which motions are tried as long as no fold is known, m/s."""
@@ -90,8 +97,9 @@ class FoldSearch:
             return self.hopf * np.array(UP_TO_HIGHEST if self.stable else ABOUT_HOPF)
         return np.linspace(*self.doubtful, BETWEEN + 2)[1:-1]
 
-    def _starts(self, state: Float[np.ndarray, "states"], period: float, speed: float, displacement: float) -> Iterator[Start]:
-        steps = steps_of_period(self.model, speed, period)
+    def _starts(
+        self, state: Float[np.ndarray, "states"], period: float, speed: float, displacement: float, steps: int
+    ) -> Iterator[Start]:
         for start in patterns(self.model, state, displacement):
             yield Start(self.model, start, period, speed, steps, self.rest)
 

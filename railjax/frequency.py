@@ -19,7 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from .along_speed import concrete
 from .arguments import an_excitation
 from .channels import CHANNELS, check_channel
 from .checks import a_name, guarded, traced
@@ -59,7 +58,7 @@ def excitation(of: Spectrum, shortest: Scalar = SHORTEST, longest: Scalar = LONG
     """The spectrum between two wavelengths (m) as waves, so that sums over them are integrals: trapezoids in log W with Gregory's
     corrections of fourth order at the ends."""
     # in NumPy where nothing is traced: a dozen small programs less to compile
-    xp = np if concrete(shortest, longest) else jnp
+    xp = jnp if traced((shortest, longest)) else np
     logarithm = xp.linspace(xp.log(2.0 * np.pi / longest), xp.log(2.0 * np.pi / shortest), points)
     weights = np.ones(points)
     weights[:3] = weights[:-4:-1] = (3.0 / 8.0, 7.0 / 6.0, 23.0 / 24.0)

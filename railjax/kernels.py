@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from .checks import guarded
+from .checks import guarded, traced
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -181,7 +181,7 @@ def jit(function: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(function)
     def compiled(*arguments: Any) -> Any:
         nonlocal refused
-        if refused or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arguments)):
+        if refused or traced(arguments):
             return plain(*arguments)
         try:
             return single(*arguments)[0]

@@ -16,6 +16,7 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jax.sharding import Mesh, PartitionSpec
 
+from .checks import traced
 from .errors import InputError
 from .kernels import WIDE, one_kernel, options
 
@@ -102,7 +103,7 @@ def over_lanes(
     """
     leaves, structure = jax.tree.flatten(trees)
     batched = tuple(jnp.ndim(leaf) > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True))
-    if not spread or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+    if not spread or traced(leaves):
         prepare, work, finish = _stages(function, structure, batched, lanes, chunk, 1)
     else:
         devices = len(jax.local_devices())

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from .along_speed import along_speed, concrete, lanes_along_speed
-from .checks import guarded
+from .along_speed import along_speed, lanes_along_speed
+from .checks import guarded, traced
 from .crossing import Crossing, Outcome, lowest_crossing, lowest_crossing_compiled, pencil, speeds_of
 from .dampers import Damper
 from .errors import NumericalError
@@ -99,7 +99,7 @@ def _axes(trees: tuple) -> tuple:
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _found(lanes: int | None, trees: tuple, lowest: Scalar, highest: Scalar) -> tuple[LinearCritical, Crossing]:
     """What is said, and the critical eigenpair."""
-    if concrete(trees, lowest, highest):
+    if not traced((trees, lowest, highest)):
         found, crossing = _told(*_on_host(lanes, trees, float(lowest), float(highest)), np)
         return jax.device_put(found), crossing
     return _compiled(lanes, trees, jnp.asarray(lowest, float), jnp.asarray(highest, float))

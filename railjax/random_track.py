@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
 
+from .checks import traced
 from .errors import InputError
 from .sampled_track import MARGIN, SampledTrack, register
 from .spectra import LONGEST, SHORTEST, Spectrum, spectrum
@@ -149,7 +150,7 @@ def _coefficients(
     longest: float,
 ) -> Float[np.ndarray, "k seeds"]:
     of = spectrum(source)
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(of)):
+    if traced(of):
         raise InputError("a random track takes a spectrum of plain numbers; differentiate with respect to its amplitude")
     try:
         return _synthesised(of, seeds, cells, spacing, shortest, longest)

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .blocks import Sampled, finished, lane_shape, wheelsets_flat
 from .channels import CHANNELS, check_channel, has_channel, parse_reduction
-from .checks import guarded
+from .checks import guarded, traced
 from .dampers import Damper
 from .deflections import join, layout
 from .errors import InputError
@@ -65,12 +65,12 @@ def simulate(
     x = initial_state(vehicle, damper, initial)
     chunk = chunk_for(x.dtype) if chunk is None else chunk
     # the state is an array of jax.numpy, so that under `jit` it is a tracer
-    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((vehicle, speed, damper, track, x, dt)))
+    unknown = traced((vehicle, speed, damper, track, x, dt))
     if isinstance(speed, SpeedProfile):
-        asarray = jnp.asarray if traced else np.asarray
+        asarray = jnp.asarray if unknown else np.asarray
         speed = SpeedProfile(asarray(speed.time, float), asarray(speed.speed, float))
     parameters = as_numbers((without_labels(vehicle), damper, speed, track))
-    run = _traced if traced else _known
+    run = _traced if unknown else _known
     result, code, sampled = run(parameters, x, dt, settle, plan, chunk)
     time = np.arange(plan.samples) * (plan.every * dt)
     # `device_put` compiles nothing, where `jnp.asarray` does
@@ -209,7 +209,7 @@ def initial_state(vehicle: Vehicle, damper: Damper, initial: Mapping[str, Any] |
             raise InputError(f"initial must have {states} states along its first axis for this vehicle, not shape {x.shape}")
         return x
     # NumPy where nothing is traced: it need not be compiled
-    xp: Any = jnp if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(dict(initial))) else np
+    xp: Any = jnp if traced(dict(initial)) else np
     shapes = layout(vehicle)
     known = [name + suffix for name in shapes for suffix in ("", "_rate")]
     for name in initial:

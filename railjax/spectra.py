@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .checks import guarded, positive, shown
-from .csv_columns import read_columns
+from .checks import guarded, positive, shown, traced
+from .csv_columns import IN_PYTHON, read_columns
 from .errors import InputError
 from .text_table import is_table
 from .typing import Number, Scalar
@@ -144,7 +144,7 @@ class TableSpectrum:
             columns=columns,
             given=units,
             purpose="make a spectrum",
-            options=("columns['{}']", "units['{}']"),
+            options=IN_PYTHON,
         )
         for kind in NAMES:
             if kind not in read.found:
@@ -257,7 +257,7 @@ def variance(of: Spectrum, low: float, high: float) -> Float[Array, ""]:
 
 def check_spectrum(of: Spectrum) -> None:
     """Refuse parameters that are not finite and positive, and bad tables, where they are known. Raises `InputError`."""
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(of)):
+    if traced(of):
         return
     if isinstance(of, TableSpectrum):
         TableSpectrum.checked(of.wavenumber, of.values)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .checks import guarded, shown
+from .checks import guarded, shown, traced
 from .errors import InputError
 from .typing import Number
 
@@ -99,11 +99,7 @@ def check_track(track: Track) -> None:
         return
     for field in dataclasses.fields(track):
         key, value = field.name, getattr(track, field.name)
-        if (
-            field.metadata.get("static")
-            or value is None
-            or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value))
-        ):
+        if field.metadata.get("static") or value is None or traced(value):
             continue
         # NumPy, because under `jit` even constants become tracers of jax.numpy
         try:

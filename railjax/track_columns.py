@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from .csv_columns import Columns, read_columns
+from .csv_columns import IN_PYTHON, Columns, read_columns
 from .errors import InputError
 
 #: per quantity: the names by which a column is found without being told, and the factors of its usual units to SI
@@ -48,7 +48,7 @@ def read_track(
         given=units,
         at_least=FEWEST,
         purpose="make a track",
-        options=("columns['{}']", "units['{}']"),
+        options=IN_PYTHON,
         lenient=(*BESIDE, "left", "right", "alignment") if bridge else (*BESIDE, "left", "right"),
     )
     found, notes = read.found, read.notes
