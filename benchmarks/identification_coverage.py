@@ -18,10 +18,10 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 import railjax
-from railjax import bouc_wen
-from railjax.bouc_wen import BoucWen
-from railjax.identification import Identification
-from railjax.record import Record
+from railjax.dampers import bouc_wen
+from railjax.dampers.bouc_wen import BoucWen
+from railjax.dampers.identification.record import Record
+from railjax.dampers.identification.result import Identification
 
 RATES = (200, 500, 1000, 2000)  # Hz
 FINE = 4000  # Hz

@@ -60,8 +60,8 @@ def programs() -> dict[str, Call]:
     sys.path.append(str(ROOT / "tests"))
     import laws  # the runs of tests/test_damper_numerics.py, one of which once was off by 2e-7
 
-    from railjax.simulate import initial_state
-    from railjax.vehicle import without_labels
+    from railjax.model.vehicle import without_labels
+    from railjax.simulation.simulate import initial_state
 
     coach = railjax.load_vehicle("coach")
     linear = without_labels(railjax.replace(coach, contact__law="linear"))
@@ -204,9 +204,9 @@ def configure(options: argparse.Namespace) -> None:
     else:
         jax.config.update("jax_num_cpu_devices", options.devices)
     if options.many_kernels:
-        import railjax.kernels
+        import railjax.base.compilation
 
-        railjax.kernels.set_xla_metadata = lambda value, **_: value
+        railjax.base.compilation.set_xla_metadata = lambda value, **_: value
 
 
 def every_configuration(minutes: float, rest: list[str]) -> int:

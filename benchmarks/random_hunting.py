@@ -13,7 +13,7 @@ import sys
 import numpy as np
 
 import railjax
-from railjax.units import KMH
+from railjax.base.units import KMH
 
 #: shares of the nonlinear critical speed; those of the highest speed where there is none
 BELOW, UP_TO = (0.5, 0.7, 0.85, 0.93, 0.97, 0.99, 0.997), (0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
@@ -44,7 +44,7 @@ def hunts(vehicle: railjax.Vehicle, speeds: np.ndarray) -> np.ndarray:
     """Whether it hunts at each speed (m/s), from any of the starts."""
     clearance = float(vehicle.contact.flange_clearance)
     pairs = [(speed, start) for speed in speeds for start in STARTS]
-    coordinates = railjax.deflections.labels(vehicle)
+    coordinates = railjax.model.kinematics.labels(vehicle)
     wheelsets = [coordinates.index(f"wheelset_y[{k}]") for k in range(4)]
     initial = np.zeros((railjax.state_matrix(vehicle, 50.0).shape[0], len(pairs)))
     initial[wheelsets] = clearance * np.array([np.repeat(start, 2) for _, start in pairs]).T
@@ -74,7 +74,9 @@ def main(vehicles: int = 60, seed: int = 0) -> int:
         without += code == railjax.Hunting.OK and not np.isfinite(float(found.linear.speed))
         if code in (railjax.Hunting.OK, railjax.Hunting.SUPERCRITICAL, railjax.Hunting.STABLE):
             stable = code == railjax.Hunting.STABLE
-            speeds = railjax.linear.HIGHEST * np.array(UP_TO) if stable else float(found.speed) * np.array(BELOW)
+            speeds = (
+                railjax.stability.linear_critical.HIGHEST * np.array(UP_TO) if stable else float(found.speed) * np.array(BELOW)
+            )
             contradiction = hunts(vehicle, speeds)
         if code in (railjax.Hunting.FAILED, railjax.Hunting.STEP_TOO_LARGE) or contradiction.any():
             wrong += 1

@@ -26,7 +26,7 @@ FLAT = 0.1  # share by which the resident memory may differ from that after the 
 def compute(points: int, out: str) -> None:
     """The sweep; after every chunk a line with points done and resident memory on standard output."""
     import railjax
-    from railjax.progress import Progress
+    from railjax.base.progress import Progress
 
     railjax.use_double_precision()
     railjax.use_all_cores()

@@ -139,7 +139,7 @@ MAP_LIMIT = 12.0  # s, on two cores
 
 def test_speed_gain_map(benchmark: Any, coach: railjax.Vehicle, note: Callable) -> None:
     """64 speeds and 64 gains of balance logic, 10 s each in steps of 1 ms."""
-    from railjax.paper_gain import speed_gain_map
+    from railjax.reports.paper.studies.gain import speed_gain_map
 
     speed_gain_map(coach)
     rms = benchmark.pedantic(speed_gain_map, args=(coach,), rounds=2)

@@ -8,7 +8,7 @@ import numpy as np
 import tuning_rivals as rivals
 
 import railjax
-from railjax.paper_tuning import gains_over, trade_off
+from railjax.reports.paper.studies.tuning import gains_over, trade_off
 
 
 def test_gain(benchmark: Any, note: Callable, coach: railjax.Vehicle) -> None:

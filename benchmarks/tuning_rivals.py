@@ -18,9 +18,9 @@ from scipy.optimize import differential_evolution, minimize
 
 import railjax
 from railjax import objectives as aim
-from railjax.design_space import DesignSpace
-from railjax.kernels import jit as one_kernel
-from railjax.paper_tuning import EIGHT
+from railjax.base.compilation import jit as one_kernel
+from railjax.reports.paper.studies.tuning import EIGHT
+from railjax.tuning.design_space import DesignSpace
 
 MOST_EVALUATIONS = 20_000
 #: m/s; of the gain, and of the suspension

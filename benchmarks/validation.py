@@ -17,8 +17,8 @@ import jax
 import jax.numpy as jnp
 
 import railjax
-from railjax import hydraulics
-from railjax.contact import saturation_factor
+from railjax.dampers.hardware import hydraulics
+from railjax.model.contact.creep import saturation_factor
 
 BEGIN, END = "<!-- table -->", "<!-- end of table -->"
 PAPER, COOPERRIDER = "the paper, section 4", "bifurcation.de, exd10 (after Kaas-Petersen 1986)"
@@ -131,7 +131,7 @@ def damper() -> list[Row]:
 
 def device() -> list[Row]:
     """The MR device as it is dimensioned in the paper: a number that does not follow from its inputs."""
-    from railjax.mr_device import MrDevice, MrFluid, analyse
+    from railjax.dampers.hardware.mr_device import MrDevice, MrFluid, analyse
 
     force = analyse(MrDevice(), MrFluid()).total_force
     note = "does not follow from Tables 3 and 4; `railjax damper design` lists the readings"

@@ -11,66 +11,64 @@ Importing it changes no JAX configuration and starts no backend; a module is imp
 
 import importlib
 import importlib.util
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from . import objectives
-    from .acceptance import Acceptance, acceptance, acceptance_of_record
-    from .acceptance_record import RunningRecord, acceptance_channels
-    from .animation import Film, animate
-    from .bouc_wen import BoucWen
-    from .calibrate import Calibration, calibrate
-    from .channels import CHANNELS
-    from .comfort import comfort, floor_acceleration
-    from .comfort_result import Comfort
-    from .courses import animation_channels
-    from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
-    from .dampers import Damper, MaxwellDamper, PassiveDamper, Seen
-    from .errors import InputError, NumericalError
-    from .frequency import FrequencyResponse, frequency_response
-    from .hunting import hunting_branch
-    from .identification import Identification
-    from .identify import identify_damper
-    from .kalker import contact_ellipse, creep_coefficients, kalker_coefficients
-    from .kernels import jit, keep_compiled
-    from .lanes import use_all_cores
-    from .limit_cycles import Branch, LimitCycle
-    from .linear import Stability, linear_critical, linear_critical_speed
-    from .measured_track import MeasuredTrack
-    from .modes import Modes, RootLocus, modes, root_locus
-    from .motion import matrices, state_matrix, track_matrix
-    from .mr_dampers import BoucWenDamper, HybridDamper
-    from .normal_form import first_lyapunov_coefficient
-    from .pareto import Front, pareto
-    from .precision import use_double_precision
-    from .ramp import Ramp, speed_ramp
-    from .random_track import RandomTrack
-    from .record import Record, read_record
-    from .robust import Scatter, expected, worst
-    from .sampled_track import spectrum_of
-    from .schedule import GainSchedule, schedule_gain
-    from .semiactive import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
-    from .simulate import Result, Simulation, simulate
-    from .spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
-    from .spectral_comfort import SpectralComfort, spectral_comfort
-    from .speed_profile import SpeedProfile
-    from .statistical import StatisticalResponse, statistical_linearisation
-    from .sweep import sweep
-    from .sweep_studies import CriticalSpeed, ForcedRun, LeastDamping, NonlinearCriticalSpeed, RideComfort, each_point
-    from .track import BumpTrack, SinusoidTrack, TangentTrack, alignment
-    from .tuning import tune
-    from .tuning_result import Tuning
-    from .vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
-    from .vehicle_check import VehicleCheck, check_vehicle
-    from .vehicle_files import load_vehicle, packaged_vehicles
-    from .vehicle_report import VehicleReport, vehicle_report
-    from .vehicle_template import vehicle_toml
-    from .vibration import sperling, weighted_acceleration, weighted_rms
-    from .weightings import weighting, weighting_filter
+    from .base.batches import use_all_cores
+    from .base.compilation import jit, keep_compiled
+    from .base.errors import InputError, NumericalError
+    from .base.precision import use_double_precision
+    from .dampers.bouc_wen import BoucWen
+    from .dampers.bouc_wen_damper import BoucWenDamper, HybridDamper
+    from .dampers.controlled import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
+    from .dampers.identification.identify import identify_damper
+    from .dampers.identification.record import Record, read_record
+    from .dampers.identification.result import Identification
+    from .model.contact.kalker import contact_ellipse, creep_coefficients, kalker_coefficients
+    from .model.damper import Damper, MaxwellDamper, PassiveDamper, Seen
+    from .model.motion import matrices, state_matrix, track_matrix
+    from .model.track.measured import MeasuredTrack
+    from .model.track.random import RandomTrack
+    from .model.track.sampled import spectrum_of
+    from .model.track.shapes import BumpTrack, SinusoidTrack, TangentTrack, alignment
+    from .model.track.spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
+    from .model.vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
+    from .plots.animation import Film, animate
+    from .plots.frames import animation_channels
+    from .reports.vehicle.vehicle_report import VehicleReport, vehicle_report
+    from .ride.acceptance.assess import Acceptance, acceptance, acceptance_of_record
+    from .ride.acceptance.record import RunningRecord, acceptance_channels
+    from .ride.comfort import comfort, floor_acceleration
+    from .ride.comfort_result import Comfort
+    from .ride.frequency import FrequencyResponse, frequency_response
+    from .ride.spectral_comfort import SpectralComfort, spectral_comfort
+    from .ride.statistical import StatisticalResponse, statistical_linearisation
+    from .ride.vibration import sperling, weighted_acceleration, weighted_rms
+    from .ride.weightings import weighting, weighting_filter
+    from .simulation.channels import CHANNELS
+    from .simulation.simulate import Result, Simulation, simulate
+    from .simulation.speed import SpeedProfile
+    from .stability.hunting.branch import hunting_branch
+    from .stability.hunting.limit_cycles import Branch, LimitCycle
+    from .stability.hunting.nonlinear_critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
+    from .stability.hunting.normal_form import first_lyapunov_coefficient
+    from .stability.hunting.ramp import Ramp, speed_ramp
+    from .stability.linear_critical import Stability, linear_critical, linear_critical_speed
+    from .stability.modes import Modes, RootLocus, modes, root_locus
+    from .sweeps.ready_made import CriticalSpeed, ForcedRun, LeastDamping, NonlinearCriticalSpeed, RideComfort, each_point
+    from .sweeps.sweep import sweep
+    from .tuning import objectives as objectives
+    from .tuning.calibrate import Calibration, calibrate
+    from .tuning.gain_schedule import GainSchedule, schedule_gain
+    from .tuning.pareto import Front, pareto
+    from .tuning.result import Tuning
+    from .tuning.robust import Scatter, expected, worst
+    from .tuning.tune import tune
+    from .vehicles.check import VehicleCheck, check_vehicle
+    from .vehicles.files import load_vehicle, packaged_vehicles
+    from .vehicles.template import vehicle_toml
 
-__version__ = "0.3.0"
+from .base.version import __version__ as __version__
 
 __all__ = [
     "ADD",
@@ -196,84 +194,72 @@ __all__ = [
 
 #: the imports above, as they are made
 _NAMES = {
-    "acceptance": "Acceptance acceptance acceptance_of_record",
-    "acceptance_record": "RunningRecord acceptance_channels",
-    "animation": "Film animate",
-    "bouc_wen": "BoucWen",
-    "calibrate": "Calibration calibrate",
-    "channels": "CHANNELS",
-    "comfort": "comfort floor_acceleration",
-    "comfort_result": "Comfort",
-    "courses": "animation_channels",
-    "critical": "Hunting NonlinearCritical nonlinear_critical nonlinear_critical_speed",
-    "dampers": "Damper MaxwellDamper PassiveDamper Seen",
-    "errors": "InputError NumericalError",
-    "frequency": "FrequencyResponse frequency_response",
-    "hunting": "hunting_branch",
-    "identification": "Identification",
-    "identify": "identify_damper",
-    "kalker": "contact_ellipse creep_coefficients kalker_coefficients",
-    "kernels": "jit keep_compiled",
-    "lanes": "use_all_cores",
-    "limit_cycles": "Branch LimitCycle",
-    "linear": "Stability linear_critical linear_critical_speed",
-    "measured_track": "MeasuredTrack",
-    "modes": "Modes RootLocus modes root_locus",
-    "motion": "matrices state_matrix track_matrix",
-    "mr_dampers": "BoucWenDamper HybridDamper",
-    "normal_form": "first_lyapunov_coefficient",
-    "pareto": "Front pareto",
-    "precision": "use_double_precision",
-    "ramp": "Ramp speed_ramp",
-    "random_track": "RandomTrack",
-    "record": "Record read_record",
-    "robust": "Scatter expected worst",
-    "sampled_track": "spectrum_of",
-    "schedule": "GainSchedule schedule_gain",
-    "semiactive": "ADD BalanceLogic ClippedLQR MixedSkyhookADD Skyhook",
-    "simulate": "Result Simulation simulate",
-    "spectra": "ErriSpectrum FormulaSpectrum FraSpectrum Spectrum TableSpectrum spectrum",
-    "spectral_comfort": "SpectralComfort spectral_comfort",
-    "speed_profile": "SpeedProfile",
-    "statistical": "StatisticalResponse statistical_linearisation",
-    "sweep": "sweep",
-    "sweep_studies": "CriticalSpeed ForcedRun LeastDamping NonlinearCriticalSpeed RideComfort each_point",
-    "track": "BumpTrack SinusoidTrack TangentTrack alignment",
-    "tuning": "tune",
-    "tuning_result": "Tuning",
-    "vehicle": "BumpStop LateralDamper Vehicle YawDamper get_parameter parameters replace set_parameter",
-    "vehicle_check": "VehicleCheck check_vehicle",
-    "vehicle_files": "load_vehicle packaged_vehicles",
-    "vehicle_report": "VehicleReport vehicle_report",
-    "vehicle_template": "vehicle_toml",
-    "vibration": "sperling weighted_acceleration weighted_rms",
-    "weightings": "weighting weighting_filter",
+    "ride.acceptance.assess": "Acceptance acceptance acceptance_of_record",
+    "ride.acceptance.record": "RunningRecord acceptance_channels",
+    "plots.animation": "Film animate",
+    "dampers.bouc_wen": "BoucWen",
+    "tuning.calibrate": "Calibration calibrate",
+    "simulation.channels": "CHANNELS",
+    "ride.comfort": "comfort floor_acceleration",
+    "ride.comfort_result": "Comfort",
+    "plots.frames": "animation_channels",
+    "stability.hunting.nonlinear_critical": "Hunting NonlinearCritical nonlinear_critical nonlinear_critical_speed",
+    "model.damper": "Damper MaxwellDamper PassiveDamper Seen",
+    "base.errors": "InputError NumericalError",
+    "ride.frequency": "FrequencyResponse frequency_response",
+    "stability.hunting.branch": "hunting_branch",
+    "dampers.identification.result": "Identification",
+    "dampers.identification.identify": "identify_damper",
+    "model.contact.kalker": "contact_ellipse creep_coefficients kalker_coefficients",
+    "base.compilation": "jit keep_compiled",
+    "base.batches": "use_all_cores",
+    "stability.hunting.limit_cycles": "Branch LimitCycle",
+    "stability.linear_critical": "Stability linear_critical linear_critical_speed",
+    "model.track.measured": "MeasuredTrack",
+    "stability.modes": "Modes RootLocus modes root_locus",
+    "model.motion": "matrices state_matrix track_matrix",
+    "dampers.bouc_wen_damper": "BoucWenDamper HybridDamper",
+    "stability.hunting.normal_form": "first_lyapunov_coefficient",
+    "tuning.pareto": "Front pareto",
+    "base.precision": "use_double_precision",
+    "stability.hunting.ramp": "Ramp speed_ramp",
+    "model.track.random": "RandomTrack",
+    "dampers.identification.record": "Record read_record",
+    "tuning.robust": "Scatter expected worst",
+    "model.track.sampled": "spectrum_of",
+    "tuning.gain_schedule": "GainSchedule schedule_gain",
+    "dampers.controlled": "ADD BalanceLogic ClippedLQR MixedSkyhookADD Skyhook",
+    "simulation.simulate": "Result Simulation simulate",
+    "model.track.spectra": "ErriSpectrum FormulaSpectrum FraSpectrum Spectrum TableSpectrum spectrum",
+    "ride.spectral_comfort": "SpectralComfort spectral_comfort",
+    "simulation.speed": "SpeedProfile",
+    "ride.statistical": "StatisticalResponse statistical_linearisation",
+    "sweeps.sweep": "sweep",
+    "sweeps.ready_made": "CriticalSpeed ForcedRun LeastDamping NonlinearCriticalSpeed RideComfort each_point",
+    "model.track.shapes": "BumpTrack SinusoidTrack TangentTrack alignment",
+    "tuning.tune": "tune",
+    "tuning.result": "Tuning",
+    "model.vehicle": "BumpStop LateralDamper Vehicle YawDamper get_parameter parameters replace set_parameter",
+    "vehicles.check": "VehicleCheck check_vehicle",
+    "vehicles.files": "load_vehicle packaged_vehicles",
+    "reports.vehicle.vehicle_report": "VehicleReport vehicle_report",
+    "vehicles.template": "vehicle_toml",
+    "ride.vibration": "sperling weighted_acceleration weighted_rms",
+    "ride.weightings": "weighting weighting_filter",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 
-class _Package(ModuleType):
-    """A package whose functions keep their names: importing `railjax.simulate`, the module, would put it in the place of the function."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if isinstance(value, ModuleType) and _HOME.get(name) == name:
-            value = getattr(value, name)
-        super().__setattr__(name, value)
-
-    def __reduce__(self) -> tuple:
-        """By its name, as any module; functions that use the package are sent to the workers of a sweep."""
-        return importlib.import_module, (self.__name__,)
-
-
-sys.modules[__name__].__class__ = _Package
+#: modules that are public by a name of their own
+_MODULES = {"objectives": "tuning.objectives"}
 
 
 def __getattr__(name: str) -> Any:
-    """A public name out of its module, or a module."""
+    """A public name out of its module, a module, or a package."""
     if name in _HOME:
         value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
-    elif not name.startswith("_") and importlib.util.find_spec(f"{__name__}.{name}"):
-        value = importlib.import_module(f"{__name__}.{name}")
+    elif not name.startswith("_") and importlib.util.find_spec(f"{__name__}.{(inner := _MODULES.get(name, name))}"):
+        value = importlib.import_module(f"{__name__}.{inner}")
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value

@@ -18,7 +18,7 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 install_import_hook("railjax", "beartype.beartype")
 
 import railjax  # noqa: E402
-from railjax.kernels import forget_compiled  # noqa: E402
+from railjax.base.compilation import forget_compiled  # noqa: E402
 
 railjax.use_double_precision()
 railjax.use_all_cores()
@@ -58,7 +58,7 @@ def smooth(coach: railjax.Vehicle) -> railjax.Vehicle:
 def run(capsys):
     """Runs the command line: exit status, standard output, standard error."""
 
-    from railjax.cli import status
+    from railjax.cli.application import status
 
     def run_and_capture(*arguments):
         code = status([str(argument) for argument in arguments])

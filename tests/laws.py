@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 
 import railjax
-from railjax.dampers import Seen, law_of
-from railjax.deflections import deflections, size, split
-from railjax.motion import held, motion, state_rate
-from railjax.rk4 import rk4
+from railjax.model.damper import Seen, law_of
+from railjax.model.kinematics import deflections, size, split
+from railjax.model.motion import held, motion, state_rate
+from railjax.simulation.runge_kutta import rk4
 
 SPEED = 55.0
 CONTROLLED = {

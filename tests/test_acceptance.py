@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax.acceptance_criteria import CRITERIA, bogie_limit, prudhomme_limit
-from railjax.acceptance_signals import by_section, filtered, hunting_frequency, sliding_mean, sliding_rms
-from railjax.cli import status
+from railjax.cli.application import status
+from railjax.ride.acceptance.criteria import CRITERIA, bogie_limit, prudhomme_limit
+from railjax.ride.acceptance.signals import by_section, filtered, hunting_frequency, sliding_mean, sliding_rms
 
 RATE, SPEED, AXLE_LOAD, MASS = 200.0, 50.0, 102.5e3, 5120.0
 ROUGH = railjax.RandomTrack("erri-high", seed=3, length=12e3)

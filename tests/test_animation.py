@@ -10,11 +10,11 @@ from chromium import looked_at, needs_chromium
 from PIL import Image
 
 import railjax
-from railjax.animation import Stage
-from railjax.cli import status
-from railjax.courses import MODE_AMPLITUDE, PERIOD_FRAMES, largest_displacement, of_limit_cycle, of_mode, of_simulation
-from railjax.plots import figure
-from railjax.top_view import TopView, magnification
+from railjax.cli.application import status
+from railjax.plots.animation import Stage
+from railjax.plots.charts import figure
+from railjax.plots.frames import MODE_AMPLITUDE, PERIOD_FRAMES, largest_displacement, of_limit_cycle, of_mode, of_simulation
+from railjax.plots.top_view import TopView, magnification
 
 SPEED = 30.0
 

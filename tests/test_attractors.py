@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax import attractors, fold_search, orbits, shooting
-from railjax.continuation import hunting_mode
-from railjax.critical import Hunting
-from railjax.linear import linear_critical
+from railjax.stability.hunting import fold_search, orbits, shooting
+from railjax.stability.hunting import settling as attractors
+from railjax.stability.hunting.continuation import hunting_mode
+from railjax.stability.hunting.nonlinear_critical import Hunting
+from railjax.stability.linear_critical import linear_critical
 
 #: a stiff, softly sprung coach with yaw dampers that the first search took for supercritical: its Hopf point is another mode's
 STIFF = {
@@ -32,7 +33,7 @@ def stiff(coach):
 
 @pytest.fixture(scope="module")
 def model(coach):
-    return orbits.model_of(coach, railjax.motion.PASSIVE)
+    return orbits.model_of(coach, railjax.model.motion.PASSIVE)
 
 
 def test_starts_of_two_bogies(model, coach):
@@ -47,7 +48,7 @@ def test_starts_of_two_bogies(model, coach):
     for start, signs in zip(starts, ([1, 1], [1, -1], [1, 0], [0, 1]), strict=True):
         np.testing.assert_allclose(start[at].reshape(2, 2), np.outer(signs, scaled), rtol=1e-12)
         np.testing.assert_allclose(start[:3], state[:3])  # the car body's
-    names = railjax.deflections.labels(coach)
+    names = railjax.model.kinematics.labels(coach)
     assert names[:3] == ["carbody_y", "carbody_psi", "carbody_phi"]
 
 
@@ -122,7 +123,7 @@ def test_that_fold_by_simulation(stiff):
     fold = float(railjax.nonlinear_critical_speed(stiff))
     assert fold * 3.6 == pytest.approx(335.70, abs=0.02)
     rng = np.random.default_rng(3)
-    model = orbits.model_of(stiff, railjax.motion.PASSIVE)
+    model = orbits.model_of(stiff, railjax.model.motion.PASSIVE)
     starts = np.zeros((model.states, 8))
     starts[model.displacements] = 11e-3 * np.sign(rng.normal(size=(4, 8))) * rng.uniform(0.7, 1.3, (4, 8))
     ends = []

@@ -11,8 +11,9 @@ import scipy.special
 from scipy.integrate import solve_ivp
 
 import railjax
-from railjax import bouc_wen, power_loop, smooth
-from railjax.bouc_wen import BoucWen
+from railjax.base import smooth
+from railjax.dampers import bouc_wen, power_loop
+from railjax.dampers.bouc_wen import BoucWen
 
 PUBLISHED = BoucWen()
 #: a larger damper's published loop; its other springs and dashpots are those of the prototype, times 3

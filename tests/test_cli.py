@@ -329,8 +329,8 @@ def test_a_damper_needs_a_secondary_suspension(run):
 
 
 def test_every_damper_of_the_command_line_can_be_made(coach):
-    from railjax.cli_inputs import DAMPERS, make_damper
-    from railjax.dampers import Damper
+    from railjax.cli.inputs import DAMPERS, make_damper
+    from railjax.model.damper import Damper
 
     for name in DAMPERS:
         made = make_damper(name, coach, 60.0, 0.5 if name in ("balance-logic", "hybrid") else None)

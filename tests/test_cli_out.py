@@ -9,7 +9,7 @@ import pytest
 import typer
 
 import railjax
-from railjax.cli import app
+from railjax.cli.application import app
 
 LONE = "single-wheelset"
 CRITICAL = float(railjax.linear_critical_speed(railjax.load_vehicle(LONE))) * 3.6

@@ -12,10 +12,10 @@ import scipy.signal
 from derivatives import check
 
 import railjax
-from railjax.cli import status
-from railjax.comfort import FLOOR_POINTS
-from railjax.deflections import deflections, lateral_of_floor, layout
-from railjax.vibration import THIRD_OCTAVES, running_maximum, sperling_bands, vibration_dose
+from railjax.cli.application import status
+from railjax.model.kinematics import deflections, lateral_of_floor, layout
+from railjax.ride.comfort import FLOOR_POINTS
+from railjax.ride.vibration import THIRD_OCTAVES, running_maximum, sperling_bands, vibration_dose
 
 RATE = 200.0
 

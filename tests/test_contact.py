@@ -8,7 +8,8 @@ import pytest
 import reference
 
 import railjax
-from railjax import contact, smooth
+from railjax.base import smooth
+from railjax.model.contact import creep as contact
 
 
 @pytest.mark.parametrize(

@@ -225,4 +225,4 @@ def test_single_precision_is_refused():
 
 def test_annotations_are_checked():
     with pytest.raises(TypeCheckError):
-        railjax.orbits.rounded("coach")
+        railjax.stability.hunting.orbits.rounded("coach")

@@ -10,10 +10,12 @@ import pytest
 from test_cli import one_json_object, refused
 
 import railjax
-from railjax import damper_design, magnetic, paper_damper
-from railjax.damper_design import Requirements, design_device, design_hybrid, wind, with_layers
-from railjax.magnetic import Steel
-from railjax.mr_device import MrDevice, MrFluid, analyse
+from railjax.dampers.hardware import design as damper_design
+from railjax.dampers.hardware import magnetic_circuit as magnetic
+from railjax.dampers.hardware.design import Requirements, design_device, design_hybrid, wind, with_layers
+from railjax.dampers.hardware.magnetic_circuit import Steel
+from railjax.dampers.hardware.mr_device import MrDevice, MrFluid, analyse
+from railjax.reports.paper.studies import damper as paper_damper
 
 DEVICE, FLUID, STEEL = MrDevice(), MrFluid(), Steel()
 
@@ -140,7 +142,7 @@ def test_readings_of_the_force(hybrid):
 
 
 def test_study(coach, literal, tmp_path):
-    from railjax.study import Context
+    from railjax.reports.paper.study import Context
 
     outcome = paper_damper.damper_design(Context(coach, literal))
     assert [s.holds for s in outcome.statements] == [True, True, False]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax.simulate import initial_state
-from railjax.vibration import vibration_dose
+from railjax.ride.vibration import vibration_dose
+from railjax.simulation.simulate import initial_state
 
 LANES = 3  # the last one fails
 RUN = {"duration": 0.2, "sample": 0.02, "track": railjax.SinusoidTrack(2e-3, 20.0), "record": ("carbody_acceleration",)}

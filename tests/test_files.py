@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax.file_units import STANDARD_GRAVITY, factor
-from railjax.rides import ACCELERATIONS, read_ride
-from railjax.stamps import sampling
-from railjax.text_table import open_table
+from railjax.base.file_units import STANDARD_GRAVITY, factor
+from railjax.base.stamps import sampling
+from railjax.base.text_table import open_table
+from railjax.ride.rides import ACCELERATIONS, read_ride
 
 RATE, COUNT = 200.0, 2400
 TIME = np.arange(COUNT) / RATE

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax.frequency import excitation, resolvent
-from railjax.spectra import LONGEST, SHORTEST
+from railjax.model.track.spectra import LONGEST, SHORTEST
+from railjax.ride.frequency import excitation, resolvent
 
 SPEED = 200 / 3.6
 POSITIONS = np.array([9.88, 7.32, -7.32, -9.88])  # +-l +- a of the coach
@@ -61,7 +61,7 @@ def test_a_sine_in_time_settles_on_the_transfer_function(coach):
     run = railjax.simulate(
         linear, SPEED, track=track, duration=50 * period, settle=30 * period, dt=period / 500, record=(), reduce=reduce
     )
-    at = railjax.frequency.Excitation(jnp.array([2 * jnp.pi / 20.0]), jnp.array([0.5e-6]), jnp.array([1.0]))
+    at = railjax.ride.frequency.Excitation(jnp.array([2 * jnp.pi / 20.0]), jnp.array([0.5e-6]), jnp.array([1.0]))
     there = responding(coach, SPEED, at)
     for name in (name.removeprefix("rms:") for name in reduce):
         np.testing.assert_allclose(there.rms(name), run[f"rms:{name}"], rtol=2e-5)

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax import cli_linear, orbits, plots, shooting
-from railjax.attractors import End
-from railjax.cli import status
-from railjax.floquet import multipliers_of
-from railjax.fold_search import FoldSearch
-from railjax.limit_cycles import Branch
-from railjax.orbits import Model, Orbit, Shooting
-from railjax.units import KMH
+from railjax import plots
+from railjax.base.units import KMH
+from railjax.cli.application import status
+from railjax.cli.verbs import stability as cli_linear
+from railjax.stability.hunting import orbits, shooting
+from railjax.stability.hunting.floquet import multipliers_of
+from railjax.stability.hunting.fold_search import FoldSearch
+from railjax.stability.hunting.limit_cycles import Branch
+from railjax.stability.hunting.orbits import Model, Orbit, Shooting
+from railjax.stability.hunting.settling import End
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +197,7 @@ def test_lyapunov_coefficient_where_the_law_has_a_side(bogie, monkeypatch):
 
     x' = -w y + f, y' = w x + g has r' = a r^3 with 16 a as below (Guckenheimer and Holmes, eq. 3.4.11); r = 2 |z|, so l_1 = 4 a.
     """
-    from railjax import normal_form
+    from railjax.stability.hunting import normal_form
 
     w, (fxx, fxy, fyy, gxx, gxy, gyy) = 3.0, (0.7, -1.1, 0.4, 0.9, 0.6, -1.3)
     fxxx, fxyy, gxxy, gyyy = 0.5, -0.2, 0.8, 0.3
@@ -209,7 +211,9 @@ def test_lyapunov_coefficient_where_the_law_has_a_side(bogie, monkeypatch):
     monkeypatch.setattr(normal_form, "_rate", rate)
     monkeypatch.setattr(normal_form, "state_matrix", lambda *_: np.array([[0.0, -w], [w, 0.0]]))
     smooth = railjax.replace(bogie, contact__law="smooth")
-    found = railjax.first_lyapunov_coefficient(smooth, hopf=railjax.linear.LinearCritical(1.0, w / (2 * np.pi), 1.0, 0))
+    found = railjax.first_lyapunov_coefficient(
+        smooth, hopf=railjax.stability.linear_critical.LinearCritical(1.0, w / (2 * np.pi), 1.0, 0)
+    )
     quadratic = fxy * (fxx + fyy) - gxy * (gxx + gyy) - fxx * gxx + fyy * gyy
     assert found == pytest.approx((fxxx + fxyy + gxxy + gyyy + quadratic / w) / 4, rel=1e-12)
 
@@ -277,7 +281,7 @@ def test_bad_requests_are_one_line(coach, branch):
 
 
 def test_diagram_and_dataset(branch, tmp_path):
-    from railjax.plots import figure
+    from railjax.plots.charts import figure
 
     data = branch.to_xarray()
     assert data.sizes["point"] == len(branch.points)

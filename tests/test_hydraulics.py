@@ -10,8 +10,8 @@ from fuzz import cheap
 from hypothesis import given
 from hypothesis import strategies as st
 
-from railjax import hydraulics
-from railjax.hydraulics import HydraulicDamper, Pilot
+from railjax.dampers.hardware import hydraulics
+from railjax.dampers.hardware.hydraulics import HydraulicDamper, Pilot
 
 DAMPER, PILOT = HydraulicDamper(), Pilot()
 

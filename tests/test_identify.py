@@ -13,11 +13,14 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 import railjax
-from railjax import bouc_wen, damper_fit, damper_uncertainty, identify
-from railjax.bouc_wen import BoucWen
-from railjax.cli import status
-from railjax.record import Record, acceleration, joined, read_record
-from railjax.record_repair import jolts, without_offset
+from railjax.cli.application import status
+from railjax.dampers import bouc_wen
+from railjax.dampers.bouc_wen import BoucWen
+from railjax.dampers.identification import identify
+from railjax.dampers.identification import problem as damper_fit
+from railjax.dampers.identification import uncertainty as damper_uncertainty
+from railjax.dampers.identification.record import Record, acceleration, joined, read_record
+from railjax.dampers.identification.record_repair import jolts, without_offset
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import identification_coverage as coverage
@@ -86,7 +89,7 @@ def test_correlations_are_those_of_a_covariance(found):
 
 
 def test_prints_and_draws_itself(found):
-    from railjax.plots import figure
+    from railjax.plots.charts import figure
 
     text = str(found)
     assert "fitted to this record (synthetic): fitted, not predicted" in text

@@ -1,7 +1,5 @@
 """RK4: observed order on linear, smooth and sharp laws, the bound on the step, energy of the bound's margin, gradients."""
 
-import sys
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,10 +9,10 @@ import scipy.integrate
 import scipy.linalg
 
 import railjax
-from railjax.motion import PASSIVE
-from railjax.rk4 import rk4, rk4_in_loop
-from railjax.simulate import initial_state
-from railjax.step_bound import STABLE_RADIUS, fastest_rate, fastest_rate_on_host, largest_step
+from railjax.model.motion import PASSIVE
+from railjax.simulation.runge_kutta import rk4, rk4_in_loop
+from railjax.simulation.simulate import initial_state
+from railjax.simulation.step_size import STABLE_RADIUS, fastest_rate, fastest_rate_on_host, largest_step
 
 SPEED = 55.0
 START = {"wheelset_y": [6e-3, 5e-3, -4e-3, 3e-3], "bogie_psi": [1e-3, -1e-3], "carbody_y": 5e-3}
@@ -156,7 +154,8 @@ def test_gradients_in_time_forward_reverse_and_differences(smooth):
 
 
 def test_nested_checkpoints_give_the_same_gradient(smooth, monkeypatch):
-    import railjax.integrate
+    import railjax.simulation.integrate
+    import railjax.simulation.simulate
 
     def gradient():
         def objective(damping):
@@ -168,9 +167,9 @@ def test_nested_checkpoints_give_the_same_gradient(smooth, monkeypatch):
         return jax.jit(jax.grad(objective)).lower(25e3).compile()
 
     kept = gradient()
-    monkeypatch.setattr(railjax.integrate, "KEPT_BYTES", 0)
+    monkeypatch.setattr(railjax.simulation.integrate, "KEPT_BYTES", 0)
     # else the same function, already traced, is taken again
-    sys.modules["railjax.simulate"]._run.cache_clear()
+    railjax.simulation.simulate._run.cache_clear()
     nested = gradient()
     assert float(nested(25e3)) == pytest.approx(float(kept(25e3)), rel=1e-12)
     less = nested.memory_analysis().temp_size_in_bytes / kept.memory_analysis().temp_size_in_bytes

@@ -9,7 +9,7 @@ import scipy.optimize
 import scipy.special
 
 import railjax
-from railjax import kalker
+from railjax.model.contact import kalker
 
 YOUNG, POISSON = 2.1e11, 0.27
 

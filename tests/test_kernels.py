@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax import kernels
+from railjax.base import compilation as kernels
 
 
 def loop(x):

@@ -10,12 +10,12 @@ import pytest
 import scipy.optimize
 
 import railjax
-import railjax.crossing
-import railjax.lanes
-import railjax.vehicle
-from railjax.along_speed import along_speed
-from railjax.crossing import Pencil, lowest_crossing
-from railjax.linear import HIGHEST, LOWEST
+import railjax.base.batches
+import railjax.model.vehicle
+import railjax.stability.eigen_crossing
+from railjax.stability.along_speed import along_speed
+from railjax.stability.eigen_crossing import Pencil, lowest_crossing
+from railjax.stability.linear_critical import HIGHEST, LOWEST
 
 SUSPENSION = [path for path, _ in railjax.parameters() if path.startswith(("primary.", "secondary."))]
 
@@ -140,7 +140,7 @@ def test_a_second_derivative_is_refused_not_wrong(coach):
 
 
 def test_batch_equals_single_and_marks_failures(coach):
-    found = railjax.linear.LinearCritical(*(values[-len(CONICITY) :] for values in coaches()[1]))
+    found = railjax.stability.linear_critical.LinearCritical(*(values[-len(CONICITY) :] for values in coaches()[1]))
     assert [railjax.Stability(int(code)).name for code in found.code] == ["OK", "STABLE", "OK", "OK"]
     assert float(found.speed[1]) == np.inf
     assert np.isnan(float(found.frequency[1]))
@@ -151,7 +151,7 @@ def test_batch_equals_single_and_marks_failures(coach):
 
 def growths(vehicle, damper, speeds):
     """Largest real part by NumPy, of every lane at its own speeds: (k, lanes) -> (k, lanes)."""
-    axes = railjax.lanes.own_axes(vehicle)
+    axes = railjax.base.batches.own_axes(vehicle)
     moved = jax.tree.map(lambda leaf, own: -1 if jnp.ndim(leaf) > own else None, vehicle, axes)
     matrices = jax.vmap(lambda one, speed: railjax.state_matrix(one, speed, damper), in_axes=(moved, 0))
     at = jax.jit(matrices, compiler_options={"xla_backend_optimization_level": 0})
@@ -170,9 +170,9 @@ def growths(vehicle, damper, speeds):
 )
 def test_first_crossing_of_scattered_variants_against_all_eigenvalues(name, span, lanes, damper):
     """Stable at every speed of the grid below, on the axis there, unstable just above: by NumPy's eigenvalues."""
-    vehicle = railjax.vehicle.without_labels(scattered(name, span, lanes))
+    vehicle = railjax.model.vehicle.without_labels(scattered(name, span, lanes))
     if lanes == SCATTERED and damper == railjax.PassiveDamper():
-        found = railjax.linear.LinearCritical(*(values[:SCATTERED] for values in coaches()[1]))
+        found = railjax.stability.linear_critical.LinearCritical(*(values[:SCATTERED] for values in coaches()[1]))
     else:
         found = jax.tree.map(np.asarray, railjax.linear_critical(vehicle, damper=damper))
     grid = np.linspace(LOWEST, HIGHEST, 60)
@@ -201,9 +201,9 @@ def test_first_crossing_of_scattered_variants_against_all_eigenvalues(name, span
 
 def test_the_host_s_way_is_the_compiled_one_s(coach):
     """One vehicle, of numbers known or traced: the same codes, the same numbers."""
-    many = railjax.vehicle.without_labels(scattered("coach", np.log(5.0), 40, seed=1))
+    many = railjax.model.vehicle.without_labels(scattered("coach", np.log(5.0), 40, seed=1))
     traced = jax.jit(railjax.linear_critical)
-    broken = railjax.replace(railjax.vehicle.without_labels(coach), carbody__mass=1e-320)
+    broken = railjax.replace(railjax.model.vehicle.without_labels(coach), carbody__mass=1e-320)
     codes = set()
     for vehicle in (
         *(jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k], many) for k in range(40)),
@@ -246,11 +246,11 @@ def test_a_narrow_window_of_instability_is_not_stepped_over(coach):
     """By NumPy's eigenvalues every 0.01 m/s; alone, in a batch and compiled alike."""
     weak = railjax.replace(coach, **NARROW)
     speeds = np.arange(5.8, 7.0, 0.01)
-    growth = growths(railjax.vehicle.without_labels(weak), railjax.PassiveDamper(), speeds[:, None])[:, 0]
+    growth = growths(railjax.model.vehicle.without_labels(weak), railjax.PassiveDamper(), speeds[:, None])[:, 0]
     first = speeds[np.argmax(growth > 0.0)]
     assert growth[0] < 0.0
     assert growth[-1] < 0.0
-    batch = jax.tree.map(lambda x: jnp.full(3, x), railjax.vehicle.without_labels(weak))
+    batch = jax.tree.map(lambda x: jnp.full(3, x), railjax.model.vehicle.without_labels(weak))
     batch = railjax.replace(batch, contact__conicity=jnp.array([0.13, 0.136, 0.14]))
     for found in (railjax.linear_critical(weak), jax.tree.map(lambda x: x[1], railjax.linear_critical(batch))):
         assert found.code == railjax.Stability.OK
@@ -275,7 +275,7 @@ def test_lowest_means_lowest_for_random_vehicles(name):
             factor = np.exp(0.6 * rng.normal()) * (rng.choice([1.0, 0.3, 0.1]) if "damping" in path else 1.0)
             one = railjax.set_parameter(one, path, factor * railjax.get_parameter(vehicle, path))
         variants.append(one)
-    trees = [railjax.vehicle.without_labels(one) for one in variants]
+    trees = [railjax.model.vehicle.without_labels(one) for one in variants]
     batch = jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *trees)
     together = railjax.linear_critical(batch)
     grid = np.arange(LOWEST, HIGHEST, 0.1)
@@ -315,13 +315,13 @@ def test_divergence_without_frequency_is_a_crossing_too():
 
 def test_what_cannot_be_proved_is_said(coach, monkeypatch):
     """Where the proof fails for a while, however short the interval, the search goes on and says so."""
-    proof, calls = railjax.crossing._proved, itertools.count()
+    proof, calls = railjax.stability.eigen_crossing._proved, itertools.count()
 
     def fails_for_a_while(*arguments):
         holds, used = proof(*arguments)
         return holds & (not 5 < next(calls) < 45), used
 
-    monkeypatch.setattr(railjax.crossing, "_proved", fails_for_a_while)
+    monkeypatch.setattr(railjax.stability.eigen_crossing, "_proved", fails_for_a_while)
     with pytest.warns(RuntimeWarning, match="could not be proved"):
         speed = railjax.linear_critical_speed(coach)
     assert float(speed) == pytest.approx(68.222224, rel=1e-7)

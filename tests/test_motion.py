@@ -8,8 +8,8 @@ import reference
 import scipy.linalg
 
 import railjax
-from railjax.motion import PASSIVE, motion, state_rate
-from railjax.simulate import initial_state
+from railjax.model.motion import PASSIVE, motion, state_rate
+from railjax.simulation.simulate import initial_state
 
 
 def rate(vehicle, x, eta, speed):

@@ -10,11 +10,11 @@ import pytest
 import scipy.integrate
 
 import railjax
-from railjax.bouc_wen import BoucWen
-from railjax.dampers import Seen
-from railjax.mr_dampers import COACH_BOUC_WEN, COACH_FORCE
-from railjax.rk4 import rk4
-from railjax.step_bound import STABLE_RADIUS, largest_step
+from railjax.dampers.bouc_wen import BoucWen
+from railjax.dampers.bouc_wen_damper import COACH_BOUC_WEN, COACH_FORCE
+from railjax.model.damper import Seen
+from railjax.simulation.runge_kutta import rk4
+from railjax.simulation.step_size import STABLE_RADIUS, largest_step
 
 DAMPER = railjax.BoucWenDamper()
 COACH = railjax.load_vehicle("coach")

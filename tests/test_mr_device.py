@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import railjax
-from railjax import magnetic, mr_device
-from railjax.magnetic import Steel
-from railjax.mr_device import MrDevice, MrFluid
+from railjax.dampers.hardware import magnetic_circuit as magnetic
+from railjax.dampers.hardware import mr_device
+from railjax.dampers.hardware.magnetic_circuit import Steel
+from railjax.dampers.hardware.mr_device import MrDevice, MrFluid
 
 DEVICE, FLUID, STEEL = MrDevice(), MrFluid(), Steel()
 V = 0.015

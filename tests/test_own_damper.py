@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 import railjax
 from railjax import objectives as aim
-from railjax.dampers import check_damper
+from railjax.model.damper import check_damper
 
 SPEED = 180 / 3.6
 TRACK = railjax.SinusoidTrack(amplitude=5e-3, wavelength=20.0)

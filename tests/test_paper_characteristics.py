@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from railjax import paper_characteristics as paper
-from railjax.study import Context
+from railjax.reports.paper.studies import characteristics as paper
+from railjax.reports.paper.study import Context
 
 
 @pytest.fixture(scope="module")

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from railjax import paper_acceptance, paper_comfort
-from railjax.dampers import PassiveDamper
-from railjax.semiactive import BalanceLogic
-from railjax.study import Context
+from railjax.dampers.controlled import BalanceLogic
+from railjax.model.damper import PassiveDamper
+from railjax.reports.paper.studies import acceptance as paper_acceptance
+from railjax.reports.paper.studies import comfort as paper_comfort
+from railjax.reports.paper.study import Context
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax.record import acceleration, derivative, read_record
+from railjax.dampers.identification.record import acceleration, derivative, read_record
 
 COUNT, RATE = 800, 1000.0
 

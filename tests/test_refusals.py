@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 import railjax
 from railjax import objectives
-from railjax.checks import FLAG, Range, Rising, Samples
-from railjax.dampers import check_damper
+from railjax.base.checks import FLAG, Range, Rising, Samples
+from railjax.model.damper import check_damper
 
 NAN, INF = float("nan"), float("inf")
 SHORT = {"duration": 0.1}

@@ -3,16 +3,16 @@
 import json
 import re
 import shutil
-from importlib import resources
 
 import jax
 import pytest
 
 import railjax
-from railjax import reproduce as frame
-from railjax.plots import figure
-from railjax.report import render
-from railjax.study import Outcome, Picture, Quantity, Statement, Study
+from railjax.base.source import PACKAGE, digest_of_source
+from railjax.plots.charts import figure
+from railjax.reports.paper import reproduce as frame
+from railjax.reports.paper.page import render
+from railjax.reports.paper.study import Outcome, Picture, Quantity, Statement, Study
 
 PNG = b"\x89PNG"
 
@@ -181,13 +181,19 @@ def test_parts_are_bound_to_the_code_and_to_jax(fakes, tmp_path, monkeypatch):
     monkeypatch.setattr(frame.jax, "__version__", "99.0")
     frame.reproduce(tmp_path)
     assert runs(fakes) == [2, 2]
-    changed = shutil.copytree(resources.files("railjax"), tmp_path / "railjax")
-    monkeypatch.setattr(frame.resources, "files", lambda _: changed)
+    changed = shutil.copytree(PACKAGE, tmp_path / "railjax")
+    monkeypatch.setattr(frame, "digest_of_source", lambda *without: digest_of_source.__wrapped__(*without, package=changed))
     frame.reproduce(tmp_path)
     assert runs(fakes) == [2, 2]
-    (changed / "motion.py").write_text("other code")
+    (changed / "cli" / "files.py").write_text("other code")  # changes no number
+    frame.reproduce(tmp_path)
+    assert runs(fakes) == [2, 2]
+    (changed / "model" / "motion.py").write_text("other code")
     frame.reproduce(tmp_path)
     assert runs(fakes) == [3, 3]
+    (changed / "model" / "motion.py").rename(changed / "base" / "motion.py")
+    frame.reproduce(tmp_path)
+    assert runs(fakes) == [4, 4]
 
 
 def test_goes_on_after_a_failure(fakes, tmp_path):

@@ -16,11 +16,11 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 
 import railjax
-from railjax.cli import status
-from railjax.dampers import PassiveDamper
-from railjax.design_points import make_design
-from railjax.integrate import largest_step
-from railjax.sweep_files import EXAMPLE, read_study
+from railjax.cli.application import status
+from railjax.model.damper import PassiveDamper
+from railjax.simulation.integrate import largest_step
+from railjax.sweeps.files import EXAMPLE, read_study
+from railjax.sweeps.points import make_design
 
 PACKAGED = Path(railjax.__file__).parent / "vehicles"
 
@@ -153,7 +153,7 @@ def record(columns, rows=600):
 
 
 def comfort_reader(path):
-    from railjax.rides import read_ride
+    from railjax.ride.rides import read_ride
 
     ride = read_ride(path)
     return [*ride.values.values(), ride.rate]

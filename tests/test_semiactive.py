@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from laws import ALL, CONTROLLED, K, with_law
 
 import railjax
-from railjax.dampers import HARD, SOFT
-from railjax.integrate import fastest_rate
-from railjax.sampling import sampled
+from railjax.dampers.sampling import sampled
+from railjax.model.damper import HARD, SOFT
+from railjax.simulation.integrate import fastest_rate
 
 H, L = 1.24, 8.6  # h_cc, l
 LAWS = ["sharp", "smooth"]

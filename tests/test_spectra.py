@@ -8,7 +8,7 @@ import pytest
 import scipy.integrate
 
 import railjax
-from railjax.spectra import LONGEST, NAMED, SHORTEST, FormulaSpectrum, TableSpectrum, variance
+from railjax.model.track.spectra import LONGEST, NAMED, SHORTEST, FormulaSpectrum, TableSpectrum, variance
 
 LOW, HIGH = 2 * np.pi / LONGEST, 2 * np.pi / SHORTEST
 

@@ -49,7 +49,7 @@ def test_flange_gain_is_the_share_of_time_beyond_the_gap(coach):
 
 def test_creep_gain_is_that_of_samples(coach):
     """E[g xi^2]/E[xi^2] over Gaussian samples, with an independent factor."""
-    from railjax.statistical import _gains
+    from railjax.ride.statistical import _gains
 
     rng = np.random.default_rng(0)
     x, y, r = 1.1e-3, 0.8e-3, 0.4

@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from scipy.stats import qmc
 
 import railjax
-from railjax.design_points import Blocks, Design, make_design
-from railjax.fingerprint import described, lines
-from railjax.named_parameters import placed, unit_of
-from railjax.sweep_chunks import PointCode
+from railjax.sweeps.chunks import PointCode
+from railjax.sweeps.fingerprint import described, lines
+from railjax.sweeps.names import placed, unit_of
+from railjax.sweeps.points import Blocks, Design, make_design
 
 SPEEDS = np.array([50.0, 60.0, 70.0])
 CONICITIES = [0.1, 0.2]
@@ -448,7 +448,7 @@ def test_functions_are_told_apart_by_what_they_compute(monkeypatch):
 def test_functions_are_told_the_same_in_another_process():
     code = (
         "import test_sweep, railjax\n"
-        "from railjax.fingerprint import described\n"
+        "from railjax.sweeps.fingerprint import described\n"
         "print(*[described(value) for value in (test_sweep.with_global, test_sweep.with_set, railjax.ForcedRun())], sep='|')"
     )
     # strings hash differently in every process, so sets come in another order

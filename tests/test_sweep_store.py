@@ -17,9 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import railjax
-from railjax.cli import status
-from railjax.cli_sweep import summary
-from railjax.sweep_files import EXAMPLE, read_study
+from railjax.cli.application import status
+from railjax.cli.verbs.sweep import summary
+from railjax.sweeps.files import EXAMPLE, read_study
 
 SPEEDS, CONICITIES = np.linspace(50.0, 60.0, 5), np.array([0.1, 0.15, 0.2])
 OVER = {"speed": SPEEDS, "contact.conicity": CONICITIES}
@@ -128,7 +128,7 @@ def test_a_store_of_another_study_is_refused(coach, tmp_path, changed, message):
 
 def test_a_release_that_may_compute_other_numbers_is_refused(coach, tmp_path, monkeypatch):
     run(coach, tmp_path / "s.zarr")
-    monkeypatch.setattr(sys.modules["railjax.sweep"], "source_of_railjax", lambda: "0123456789abcdef")
+    monkeypatch.setattr(sys.modules["railjax.sweeps.sweep"], "digest_of_source", lambda *_: "0123456789abcdef")
     with pytest.raises(
         railjax.InputError, match=rf"railjax is .* there and {re.escape(railjax.__version__)} \(0123456789abcdef\) here"
     ):

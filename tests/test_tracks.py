@@ -7,8 +7,8 @@ import pytest
 import scipy.signal
 
 import railjax
-from railjax.sampled_track import STRAIGHT, fade_in
-from railjax.spectra import LONGEST, SHORTEST
+from railjax.model.track.sampled import STRAIGHT, fade_in
+from railjax.model.track.spectra import LONGEST, SHORTEST
 
 alignment = jax.jit(railjax.alignment)
 

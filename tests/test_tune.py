@@ -11,12 +11,12 @@ import optax
 import pytest
 
 import railjax
-from railjax import minimise
 from railjax import objectives as aim
-from railjax.derivatives import differentiated
-from railjax.design_space import DesignSpace
-from railjax.paper_tuning import EIGHT
-from railjax.quantities import Quantity
+from railjax.reports.paper.studies.tuning import EIGHT
+from railjax.tuning import minimise
+from railjax.tuning.derivatives import differentiated
+from railjax.tuning.design_space import DesignSpace
+from railjax.tuning.quantity import Quantity
 
 SPEED = 200 / 3.6
 TWO = {"primary.stiffness_x": (1e6, 20e6), "secondary.damping_y": (5e3, 100e3)}

@@ -9,12 +9,12 @@ import pytest
 
 import railjax
 from railjax import objectives as aim
-from railjax import paper_tuning
-from railjax.derivatives import differentiated
-from railjax.design_space import DesignSpace
-from railjax.pareto import Front, dominated
-from railjax.schedule import bernstein
-from railjax.study import Context
+from railjax.reports.paper.studies import tuning as paper_tuning
+from railjax.reports.paper.study import Context
+from railjax.tuning.derivatives import differentiated
+from railjax.tuning.design_space import DesignSpace
+from railjax.tuning.gain_schedule import bernstein
+from railjax.tuning.pareto import Front, dominated
 
 BOUNDS = {"primary.stiffness_x": (1e6, 20e6), "secondary.damping_y": (5e3, 100e3)}
 PASSIVE = railjax.PassiveDamper()

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 import railjax
-from railjax.cli import app, status
-from railjax.vehicle import PARTS
-from railjax.vehicle_ranges import RANGES, Finding
+from railjax.cli.application import app, status
+from railjax.model.vehicle import PARTS
+from railjax.vehicles.ranges import RANGES, Finding
 
 
 def written(tmp_path, text, name="mine"):
@@ -297,13 +297,13 @@ def test_ctrl_c_says_what_is_kept(tmp_path):
 
 @pytest.mark.parametrize("verb", ["modes", "check"])
 def test_ctrl_c_elsewhere_is_one_line(verb, capsys, monkeypatch):
-    from railjax import cli_common
+    from railjax.cli import common as cli_common
 
     def stop(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli_common, "load", stop)
-    monkeypatch.setattr("railjax.cli_linear.load", stop)
+    monkeypatch.setattr("railjax.cli.verbs.stability.load", stop)
     assert status([verb, "coach"]) == 130
     assert capsys.readouterr() == ("", "railjax: stopped\n")
 

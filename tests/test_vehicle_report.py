@@ -8,14 +8,14 @@ import pytest
 from chromium import looked_at, needs_chromium, well_made
 
 import railjax
-from railjax import report_ride
-from railjax.cli import status
-from railjax.report import render
-from railjax.report_page import Section, bullets, figure, page, paragraph, table
-from railjax.report_vehicle import shown
-from railjax.sensitivity import changes, counted, fold_gradient
-from railjax.vehicle import parameters
-from railjax.vehicle_report import SECTIONS
+from railjax.cli.application import status
+from railjax.model.vehicle import parameters
+from railjax.reports.paper.page import render
+from railjax.reports.vehicle.page import Section, bullets, figure, page, paragraph, table
+from railjax.reports.vehicle.sections import ride as report_ride
+from railjax.reports.vehicle.sections.vehicle import shown
+from railjax.reports.vehicle.vehicle_report import SECTIONS
+from railjax.stability.hunting.sensitivity import changes, counted, fold_gradient
 
 #: exponents of mass, length and time in the units of parameters
 DIMENSIONS = {

@@ -8,7 +8,7 @@ import scipy.signal
 from derivatives import check
 
 import railjax
-from railjax.weightings import WEIGHTINGS
+from railjax.ride.weightings import WEIGHTINGS
 
 PRINTED = [0.1, 0.125, 0.16, 0.2, 0.25, 0.315, 0.4, 0.5, 0.63, 0.8, 1, 1.25, 1.6, 2, 2.5, 3.15, 4, 5, 6.3, 8, 10, 12.5, 16]
 PRINTED += [20, 25, 31.5, 40, 50, 63, 80, 100, 125, 160, 200, 250, 315, 400]

@@ -1,0 +1,92 @@
+"""The dampers and tracks that the command line knows by name."""
+
+import difflib
+from typing import TYPE_CHECKING, Any
+
+from ..base.errors import InputError
+
+if TYPE_CHECKING:
+    from ..model.damper import Damper
+    from ..model.track.shapes import Track
+    from ..model.vehicle import Vehicle
+
+DAMPERS = (
+    "passive",
+    "passive-soft",
+    "passive-hard",
+    "balance-logic",
+    "bouc-wen",
+    "hybrid",
+    "skyhook",
+    "skyhook-continuous",
+    "add",
+    "mixed-sh-add",
+    "clipped-lqr",
+)
+WITH_ALPHA = ("balance-logic", "hybrid")
+
+
+def make_damper(name: str, vehicle: "Vehicle", speed: float, alpha: float | None) -> "Damper":
+    """The damper of that name, for a vehicle at a speed (m/s); `alpha` of those that have it. Raises `InputError`."""
+    from .. import ADD, BalanceLogic, BoucWenDamper, ClippedLQR, HybridDamper, MixedSkyhookADD, PassiveDamper, Skyhook
+    from ..model.damper import HARD
+
+    if name not in DAMPERS:
+        near = difflib.get_close_matches(name, DAMPERS, n=1, cutoff=0.0)[0]
+        raise InputError(f"--damper {name!r} is not known; did you mean {near}?")
+    if name != "passive" and vehicle.bogie.held:
+        raise InputError(f"--damper {name}: this vehicle has no secondary suspension")
+    if alpha is not None and name not in WITH_ALPHA:
+        raise InputError(f"--alpha is for {' and '.join(WITH_ALPHA)}, not for {name}")
+    gain = {} if alpha is None else {"alpha": alpha}
+    return {
+        "passive": PassiveDamper,
+        "passive-soft": PassiveDamper.soft,
+        "passive-hard": PassiveDamper.hard,
+        "balance-logic": lambda: BalanceLogic(**gain),
+        "bouc-wen": BoucWenDamper,
+        "hybrid": lambda: HybridDamper(**gain),
+        "skyhook": Skyhook,
+        "skyhook-continuous": lambda: Skyhook(damping=HARD),
+        "add": ADD,
+        "mixed-sh-add": MixedSkyhookADD,
+        "clipped-lqr": lambda: ClippedLQR.design(vehicle, speed),
+    }[name]()
+
+
+def make_track(
+    name: str | None,
+    seed: int | None,
+    amplitude_mm: float | None = None,
+    wavelength_m: float | None = None,
+    bump_m: float | None = None,
+    length: float = 0.0,
+    file: dict[str, Any] | None = None,
+) -> tuple["Track", list[str]]:
+    """The track of `--track` (a spectrum's name, a file of one or of a measured track) or of the other options, and what it rests on.
+
+    A random track repeats itself after `length` m at the earliest; `file` says how to read one (`cli_files.track_file`).
+    Raises `InputError`.
+    """
+    from .. import BumpTrack, RandomTrack, SinusoidTrack
+    from ..base.text_table import is_table
+    from ..model.track.random import LENGTH
+    from .files import track_of_file
+
+    if seed is not None and name is None:
+        raise InputError("--track-seed is for a random track, like --track erri-high")
+    if name is None:
+        amplitude = (5.0 if amplitude_mm is None else amplitude_mm) / 1e3
+        track = SinusoidTrack(amplitude, wavelength_m or 20.0) if bump_m is None else BumpTrack(amplitude, bump_m)
+        return track, ["track: the paper gives no wavelength"]
+    for option, value in (("amplitude-mm", amplitude_mm), ("wavelength-m", wavelength_m), ("bump-m", bump_m)):
+        if value is not None:
+            raise InputError(f"--{option} and --track exclude each other: give one")
+    try:
+        length = max(length, LENGTH)
+        found = (
+            track_of_file(name, seed, length, file or {}) if is_table(name) else RandomTrack(name, seed=seed or 0, length=length)
+        )
+    except InputError as error:
+        raise InputError(f"--track: {error}") from None
+    return found, [f"track: {line.strip()}" for line in str(found).splitlines()]

@@ -1,0 +1,183 @@
+"""`railjax animate`: the vehicle from above on its track, as a film."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ...base.errors import InputError
+from ..common import AsJson, VehicleName, calibrated, finite, load, show
+from ..files import BridgeM, ChordM, Columns, LongestM, ShortestM, Units, track_file
+from ..inputs import DAMPERS, make_damper, make_track
+
+
+def animate(
+    vehicle: VehicleName,
+    out: Annotated[Path, typer.Option(help="The film: a .gif, .mp4 (needs ffmpeg) or .html file.")],
+    speed_kmh: Annotated[float, typer.Option(help="Speed in km/h.")] = 180.0,
+    mode: Annotated[
+        int | None, typer.Option(help="Show this mode: 1 for the least damped, as 'railjax modes' lists them.")
+    ] = None,
+    limit_cycle: Annotated[
+        bool,
+        typer.Option(
+            "--limit-cycle", help="Show the stable limit cycle at this speed; with --damper, how that one takes over from there."
+        ),
+    ] = False,
+    damper: Annotated[str, typer.Option(help=f"Secondary lateral damper: {', '.join(DAMPERS)}.")] = "passive",
+    alpha: Annotated[float | None, typer.Option(help="Gain α of balance logic and hybrid damper.")] = None,
+    displaced_mm: Annotated[
+        float | None, typer.Option(help="Displacement of all wheelsets at the start in mm; 5 on even track, 0 on others.")
+    ] = None,
+    track: Annotated[
+        str | None,
+        typer.Option(
+            help="A random track, erri-low, erri-high, fra-1 to fra-6; or the file of a measured one, or of a spectrum."
+        ),
+    ] = None,
+    track_seed: Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")] = None,
+    columns: Columns = None,
+    unit: Units = None,
+    chord_m: ChordM = None,
+    longest_m: LongestM = None,
+    shortest_m: ShortestM = None,
+    bridge_m: BridgeM = None,
+    amplitude_mm: Annotated[float | None, typer.Option(help="Instead: amplitude of a sinusoidal alignment in mm.")] = None,
+    wavelength_m: Annotated[float | None, typer.Option(help="Its wavelength in m; 20 if not given.")] = None,
+    duration_s: Annotated[float, typer.Option(help="Duration of the run in s.")] = 5.0,
+    start_s: Annotated[
+        float | None, typer.Option(help="Show it from here on (default: the last 1.5 s; with --limit-cycle 0).")
+    ] = None,
+    stop_s: Annotated[float | None, typer.Option(help="Show it up to here (default: its end; with --limit-cycle 1.5).")] = None,
+    slow: Annotated[float | None, typer.Option(help="How many times slower than it was.")] = None,
+    magnified: Annotated[float | None, typer.Option(help="How many times displacements are magnified.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Film a vehicle from above: running, hunting on its limit cycle, or a mode's shape.
+
+    Example: railjax animate coach --speed-kmh 245 --mode 1 --out mode.gif
+
+    Example: railjax animate coach --speed-kmh 240 --limit-cycle --out hunting.gif
+
+    Example: railjax animate coach --speed-kmh 240 --limit-cycle --damper skyhook --out controlled.gif
+
+    Example: railjax animate coach --speed-kmh 200 --track erri-high --out ride.gif
+    """
+    finite(speed_kmh=speed_kmh, wavelength_m=wavelength_m, duration_s=duration_s, slow=slow, magnified=magnified)
+    finite(positive=False, alpha=alpha, displaced_mm=displaced_mm, amplitude_mm=amplitude_mm, start_s=start_s, stop_s=stop_s)
+    how = track_file(track, columns, unit, chord_m, longest_m, shortest_m, bridge_m)
+    of_track = {"track": track, "track-seed": track_seed, "amplitude-mm": amplitude_mm, "wavelength-m": wavelength_m}
+    tracked = [name for name, value in of_track.items() if value is not None]
+    if mode is not None and limit_cycle:
+        raise InputError("--mode and --limit-cycle exclude each other: give one")
+    periodic = "--mode" if mode is not None else "--limit-cycle" if limit_cycle else ""
+    if periodic and (tracked or displaced_mm is not None):
+        raise InputError(f"--{tracked[0] if tracked else 'displaced-mm'} is for a run, not for {periodic}: leave one out")
+    if (mode is not None or (limit_cycle and damper == "passive")) and (start_s is not None or stop_s is not None):
+        raise InputError(f"--start-s and --stop-s are for a run; {periodic} shows one period")
+    from ... import animate as film
+    from ...base.units import KMH
+    from ...plots.animation import check_name
+    from ...plots.frames import LAST
+
+    check_name(out)
+    loaded = load(vehicle)
+    speed = speed_kmh / KMH
+    law = make_damper(damper, loaded, speed, alpha)
+    content: dict[str, Any] = {"vehicle": loaded.name, "speed_kmh": speed_kmh, "damper": damper}
+    options: dict[str, Any] = {}
+    if mode is not None:
+        motion = _mode(loaded, speed, law, mode)
+        options = {"mode": mode - 1}
+        content |= {"shown": "mode", "mode": motion.names[mode - 1], "frequency_hz": float(motion.frequency[mode - 1])}
+    elif limit_cycle:
+        from ... import hunting_branch
+
+        motion = hunting_branch(loaded, highest_speed=_beyond(loaded, speed)).at(speed)
+        content |= {"shown": "limit cycle", "amplitude_mm": 1e3 * motion.amplitude, "frequency_hz": motion.frequency}
+        if damper != "passive":
+            motion = _taken_over(loaded, motion, law, duration_s)
+            begin = 0.0 if start_s is None else start_s
+            title = f"{loaded.name} at {speed_kmh:.1f} km/h, from its passive limit cycle with {damper}"
+            options = {"start": begin, "stop": min(begin + LAST, duration_s) if stop_s is None else stop_s, "title": title}
+            content["shown"] = "run from the limit cycle"
+    else:
+        motion, assumed = _run(
+            loaded, speed, law, tracked, (track, track_seed, amplitude_mm, wavelength_m, how), displaced_mm, duration_s
+        )
+        title = f"{loaded.name} at {speed_kmh:.1f} km/h, {f'{damper} damper' if damper == 'passive' else damper}"
+        options = {"start": start_s, "stop": stop_s, "title": title}
+        content |= {"shown": "run", "assumed": assumed}
+    with _bar() as progress:
+        made = film(loaded, motion, out, slow=slow, magnified=magnified, progress=progress, **options)
+    fitted = calibrated(loaded)
+    content |= {
+        "out": str(made.path),
+        "frames": made.frames,
+        "magnified": made.magnified,
+        "slow": made.slow,
+        "calibrated": fitted,
+    }
+    show(content, [str(made), *[f"calibrated, not predicted: {entry}" for entry in fitted]], as_json)
+
+
+def _mode(vehicle: Any, speed: float, damper: Any, mode: int) -> Any:
+    from ... import modes
+
+    found = modes(vehicle, speed, damper)
+    if not 1 <= mode <= len(found.names):
+        raise InputError(f"--mode must lie between 1 and {len(found.names)} (see 'railjax modes'), not {mode}")
+    return found
+
+
+def _beyond(vehicle: Any, speed: float) -> float | None:
+    """How far to follow the branch so that it holds the speed."""
+    from ... import linear_critical_speed
+    from ...stability.hunting.branch import HIGHEST
+
+    return 1.02 * speed if speed > HIGHEST * float(linear_critical_speed(vehicle)) else None
+
+
+def _taken_over(vehicle: Any, cycle: Any, damper: Any, duration: float) -> Any:
+    """A run from the limit cycle of the passive vehicle with another damper, whose own states begin at rest."""
+    import numpy as np
+
+    from ... import animation_channels, simulate
+    from ...model.kinematics import size
+    from ...model.motion import state_size
+
+    own = state_size(vehicle, damper) - len(cycle.state)
+    start = np.insert(cycle.state, 2 * size(vehicle), np.zeros(own))
+    record = animation_channels(vehicle)
+    return simulate(vehicle, cycle.speed, damper=damper, duration=duration, initial=start, record=record, sample=5e-3)
+
+
+def _run(
+    vehicle: Any, speed: float, damper: Any, tracked: list[str], options: tuple, displaced: float | None, duration: float
+) -> tuple[Any, list[str]]:
+    from ... import animation_channels, simulate
+
+    name, seed, amplitude, wavelength, how = options
+    line, assumed = make_track(name, seed, amplitude, wavelength, file=how) if tracked else (None, [])
+    start = (0.0 if tracked else 5.0) if displaced is None else displaced
+    record = animation_channels(vehicle)
+    initial = {"wheelset_y": 1e-3 * start}
+    run = simulate(vehicle, speed, track=line, damper=damper, duration=duration, initial=initial, record=record, sample=5e-3)
+    return run, assumed
+
+
+def _bar() -> Any:
+    """A context that gives progress(done, total), drawn where standard error is a terminal."""
+    import contextlib
+    import sys
+
+    from rich.console import Console
+    from rich.progress import Progress
+
+    @contextlib.contextmanager
+    def drawn() -> Any:
+        with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty(), transient=True) as bar:
+            task = bar.add_task("pictures", total=None)
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+
+    return drawn()

@@ -1,0 +1,363 @@
+"""Identification of a modified Bouc-Wen damper from a test record: many starts in one batch, Levenberg-Marquardt or Adam, a
+held-out part, standard errors; beside it the genetic approach that the paper suggests, on the same budget.
+"""
+
+import dataclasses
+import functools
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ...base.checks import FLAG, Kind, Range, guarded, whole
+from ...base.errors import InputError, NumericalError
+from ...base.precision import require_double_precision
+from ...base.typing import Number
+from .. import bouc_wen
+from ..bouc_wen import BoucWen
+from .problem import (
+    Choice,
+    Problem,
+    Scale,
+    Unknowns,
+    as_measured,
+    decode,
+    error_of,
+    problem_of,
+    residuals,
+    scale_of,
+    starts_of,
+    unknown_names,
+)
+from .record import Record, acceleration, joined
+from .record_repair import JOLT, jolts, spans, without_offset
+from .result import Evolution, Identification
+from .uncertainty import BLOCKS, noise_of, residual_of, uncertainty, weigh_prior
+
+Mask = Bool[np.ndarray, "samples"]
+Method = Literal["levenberg-marquardt", "adam"]
+VoltageLaw = Literal["saturating", "linear"]
+
+
+def _records(key: str, value: Any) -> None:
+    """A record, or several."""
+    for one in value if isinstance(value, (list, tuple)) and value else [value]:
+        Kind("dampers.identification.record.Record", "a railjax.Record")(key, one)
+
+
+@guarded(
+    record=_records,
+    leave_out_jolts=FLAG,
+    starts=whole(1),
+    iterations=whole(1),
+    fit_share=Range("1", 0.1, 0.95),
+    evolution=FLAG,
+    inertia=FLAG,
+)
+def identify_damper(
+    record: Record | Sequence[Record],
+    *,
+    voltage_law: VoltageLaw = "saturating",
+    inertia: bool = True,
+    method: Method = "levenberg-marquardt",
+    starts: int = 4,
+    iterations: int | None = None,
+    fit_share: float = 0.7,
+    settle: float = 1.0,
+    leave_out_jolts: bool = False,
+    evolution: bool = False,
+    seed: int = 0,
+) -> Identification:
+    """Fit a modified Bouc-Wen damper (n = 2) to the first part of a record, the share `fit_share`, and score it on the rest; of several
+    records, or of one whose time begins anew, to the first part of each stretch, as one fit.
+
+    All `starts` are optimised in one batch on a record thinned to about 1 ms (the published parameters, scaled to the record's
+    force and velocity, and random ones around them), the best goes on with the full record by Levenberg-Marquardt. `iterations` of the batch: 30 of
+    Levenberg-Marquardt by default, 300 of Adam. Samples are cut as finely as the integrator's own error asks. `voltage_law`: eqs.
+    (15)-(17), or the same of u_s tanh(u/u_s). `inertia`: of the rig's moving parts, between damper and load cell. `seed` is that of all that
+    is drawn. With `evolution`, differential evolution gets as many simulations, for comparison.
+
+    x - y at the start of each stretch, which takes 6 to 15 s to relax, is fitted; the first `settle` seconds of each are not scored, because z
+    and u are unknown at first. The velocity is given the mean that the displacement has; where the displacement is the velocity's integral,
+    the velocity's offset is fitted. Stretches with accelerations far beyond the usual, as of a rig in its stops, are named, and neither fitted
+    nor scored with `leave_out_jolts`.
+
+    c_0, c_1 and α are fitted by their values at rest and at the highest voltage, which stay positive; so do k_0, k_1, β, γ, η
+    and u_s. Raises `InputError` for a record too short or options out of range, `NumericalError` where no start leads anywhere.
+    """
+    require_double_precision("identify_damper")
+    if not 0.1 <= fit_share <= 0.95:
+        raise InputError(f"fit_share must lie between 0.1 and 0.95, not {fit_share:g}")
+    if starts < 1:
+        raise InputError(f"starts must be at least 1, not {starts}")
+    record = without_offset(record if isinstance(record, Record) else joined(record))
+    jolted = jolts(record, acceleration(record))
+    record = _named(record, jolted, leave_out_jolts)
+    fitted, held = _parts(record, fit_share, settle, jolted if leave_out_jolts else np.zeros_like(jolted))
+    if settle < 0 or np.sum(fitted) < 10 * BLOCKS or np.sum(held) < BLOCKS:
+        raise InputError(
+            f"settle {settle:g} s and fit_share {fit_share:g} leave too little of a record of {record.time[-1]:.3g} s"
+        )
+    began = time.perf_counter()
+    moved = bool(np.ptp(record.command) > 0)
+    choice = Choice(voltage_law == "saturating" and moved, inertia, moved, len(record.begins), record.integrated)
+    scale = scale_of(record)
+    names = unknown_names(choice)
+    count = len(names)
+
+    whole, counted = record.share(fit_share), _of_share(record, fitted, fit_share)
+    thin = max(1, round(1e-3 / record.dt))
+    coarse_counted = np.concatenate([counted[stretch][::thin] for stretch in whole.stretches])
+    coarse = _cut(problem_of(whole.every(thin), choice, coarse_counted), scale.reference, 1e-2)
+    spread = 0.7 * np.random.default_rng(seed).standard_normal((starts, count))
+    spread[0] = 0.0
+    iterations = iterations or (30 if method == "levenberg-marquardt" else 300)
+    ends, costs = _minimise(method, coarse, choice, scale, jnp.asarray(spread), iterations)
+    errors = np.sqrt(np.where(np.isfinite(costs), costs, np.inf))
+    if not np.isfinite(errors.min()):
+        raise NumericalError("no start of the identification led to a finite force; check the units of the record")
+    best = ends[np.argmin(errors)]
+    fine = coarse if thin == 1 else problem_of(whole, choice, counted, int(coarse.parts))
+    for _ in range(2):
+        # as the noise is known, so is the prior, and the error of the integrator that all samples together do not see
+        noise = noise_of(residual_of(fine, choice, scale, best))
+        tolerance = np.clip(0.5 * noise.unit, 1e-5, 1e-3)
+        fine = _cut(weigh_prior(fine, noise), decode(choice, scale, best).damper, tolerance)
+        best = _minimise("levenberg-marquardt", fine, choice, scale, best[None], POLISH, noise.unit)[0][0]
+    seconds = time.perf_counter() - began
+
+    # each iteration simulates the record and its tangents; a polishing one is `thin` times as long
+    simulations = (starts * iterations + 2 * POLISH * thin) * (count + 1)
+    known = uncertainty(fine, choice, scale, best, _together(choice, scale, starts), coarse)
+    guess = decode(choice, scale, best)
+    parts = int(fine.parts)
+    force = as_measured(record, guess.damper, guess.inertia, np.asarray(guess.stretches), guess.offset, parts)
+    published = as_measured(record, BoucWen(), parts=parts)
+    rival = None
+    if evolution:
+        rival = _evolve(coarse, choice, scale, simulations, record, fitted, held, seed)
+    return Identification(
+        parameters=jax.tree.map(float, guess.damper),
+        inertia=float(guess.inertia),
+        names=known.names,
+        standard_errors=dict(zip(known.names, known.data.tolist(), strict=True)),
+        posterior_errors=dict(zip(known.names, known.posterior.tolist(), strict=True)),
+        intervals=known.intervals,
+        correlations=known.correlations,
+        fit_error=error_of(force, record.force, fitted),
+        heldout_error=error_of(force, record.force, held),
+        heldout_correlation=float(np.corrcoef(force[held], record.force[held])[0, 1]),
+        published_heldout_error=error_of(published, record.force, held),
+        starts=tuple(errors.tolist()),
+        method=method,
+        simulations=simulations,
+        seconds=seconds,
+        record=record,
+        force=force,
+        fitted_samples=fitted,
+        heldout_samples=held,
+        stretches=tuple(np.asarray(guess.stretches).tolist()),
+        velocity_offset=float(guess.offset),
+        parts=parts,
+        evolution=rival,
+    )
+
+
+def _named(record: Record, jolted: Mask, left_out: bool) -> Record:
+    """The record with a note of its jolts."""
+    if not np.any(jolted):
+        return record
+    when = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in spans(record, jolted))
+    what = "left out" if left_out else "fitted and scored all the same; leave_out_jolts (--leave-out-jolts) leaves them out"
+    note = f"accelerations more than {JOLT:g} times the usual at {when}, as of a rig in its stops: {what}"
+    return dataclasses.replace(record, notes=(*record.notes, note))
+
+
+def _parts(record: Record, fit_share: float, settle: float, left_out: Mask) -> tuple[Mask, Mask]:
+    """Samples that are fitted, and those held out, of each stretch."""
+    fitted, held = np.zeros(len(record), bool), np.zeros(len(record), bool)
+    for stretch in record.stretches:
+        split = stretch.start + int(fit_share * (stretch.stop - stretch.start))
+        fitted[stretch.start + round(max(settle, 0.0) / record.dt) : split] = True
+        held[split : stretch.stop] = True
+    return fitted & ~left_out, held & ~left_out
+
+
+def _of_share(record: Record, mask: Mask, share: float) -> Bool[np.ndarray, "first"]:
+    """A mask of the samples that `Record.share` keeps."""
+    return np.concatenate([mask[stretch][: int(share * (stretch.stop - stretch.start))] for stretch in record.stretches])
+
+
+def _cut(problem: Problem, damper: BoucWen, tolerance: float) -> Problem:
+    """The problem with samples cut as finely as a damper's motion asks."""
+    starts = starts_of(jnp.zeros_like(problem.at_first), problem.at_first)
+    parts = bouc_wen.parts_needed(damper, problem.motion, problem.dt, starts, tolerance)
+    return problem._replace(parts=jnp.asarray(parts))
+
+
+def _together(choice: Choice, scale: Scale, lanes: int) -> Callable[..., tuple[Array, Float[np.ndarray, "starts"]]]:
+    """Levenberg-Marquardt from many starts, each with its prior: the ends, and the squared error of the data alone. As many at once as the
+    batch of `identify_damper`, whose program is taken again."""
+
+    def minimise(
+        problem: Problem, starts: Array, priors: Array, centres: Array, unit: float
+    ) -> tuple[Array, Float[np.ndarray, "starts"]]:
+        ends, costs = [], []
+        for first in range(0, len(starts), lanes):
+            index = jnp.minimum(first + jnp.arange(lanes), len(starts) - 1)
+            there, _ = _levenberg_marquardt(problem, choice, scale, starts[index], priors[index], centres[index], unit, 30)
+            ends.append(there)
+        together = jnp.concatenate(ends)[: len(starts)]
+        costs = [np.sum(residual_of(problem, choice, scale, end) ** 2) for end in together]
+        return together, np.array(costs)
+
+    return minimise
+
+
+#: iterations at most on the full record, from where the batch ended
+POLISH = 100
+
+
+def _minimise(
+    method: str,
+    problem: Problem,
+    choice: Choice,
+    scale: Scale,
+    starts: Float[Array, "starts unknowns"],
+    iterations: int,
+    unit: float = 1.0,
+) -> tuple[Float[Array, "starts unknowns"], Float[np.ndarray, "starts"]]:
+    """Where each start leads, and its squared error there. `unit` is that of `Noise` near the best, where it lets
+    Levenberg and Marquardt take whole steps; from afar these lead to dampers without a loop."""
+    if method == "adam":
+        ends, costs = _adam(problem, choice, scale, starts, iterations)
+    else:
+        priors, centres = (jnp.broadcast_to(leaf, starts.shape) for leaf in (problem.prior, problem.centre))
+        ends, costs = _levenberg_marquardt(problem, choice, scale, starts, priors, centres, unit, iterations)
+    return ends, np.asarray(costs)
+
+
+@functools.partial(jax.jit, static_argnums=(1, 7))
+def _levenberg_marquardt(
+    problem: Problem, choice: Choice, scale: Scale, starts: Array, priors: Array, centres: Array, unit: Number, iterations: int
+) -> tuple[Array, Array]:
+    import optimistix
+
+    solver = optimistix.LevenbergMarquardt(rtol=1e-7, atol=1e-7)
+
+    def one(start: Unknowns, prior: Unknowns, centre: Unknowns) -> tuple[Unknowns, Array]:
+        force = _with_jacobian(problem._replace(prior=prior, centre=centre), choice, scale)
+        found = optimistix.least_squares(
+            lambda q, _: force(q) / unit, solver, start, options={"jac": "fwd"}, max_steps=iterations, throw=False
+        )
+        return found.value, jnp.sum(force(found.value) ** 2)
+
+    return jax.vmap(one)(starts, priors, centres)
+
+
+def _with_jacobian(problem: Problem, choice: Choice, scale: Scale) -> Callable[[Unknowns], Array]:
+    """`residuals` of the unknowns alone, whose Jacobian is computed once, however often and by whatever tangents it is asked for.
+
+    Not as one kernel: with arrays of a record's length JAX 0.10.1 cannot compile one for several threads.
+    """
+
+    def plain(problem: Problem, scale: Scale, q: Unknowns) -> Array:
+        return residuals(problem, choice, scale, q)
+
+    def both(problem: Problem, scale: Scale, q: Unknowns) -> tuple[Array, Array]:
+        value = functools.partial(plain, problem, scale)
+        return jax.jacfwd(lambda q: (value(q),) * 2, has_aux=True)(q)
+
+    @jax.custom_jvp
+    def own(q: Unknowns) -> Array:
+        return plain(problem, scale, q)
+
+    @own.defjvp
+    def own_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+        jacobian, value = both(problem, scale, *primals)
+        return value, jacobian @ tangents[0]
+
+    return own
+
+
+@functools.partial(jax.jit, static_argnums=(1, 4))
+def _adam(problem: Problem, choice: Choice, scale: Scale, starts: Array, iterations: int) -> tuple[Array, Array]:
+    import optax
+
+    solver = optax.adam(optax.cosine_decay_schedule(0.1, iterations))
+
+    force = _with_jacobian(problem, choice, scale)
+
+    def cost(q: Unknowns) -> Float[Array, ""]:
+        return jnp.sum(force(q) ** 2)
+
+    def one(start: Unknowns) -> tuple[Unknowns, Array]:
+        def update(carry: tuple, _: None) -> tuple[tuple, None]:
+            q, state = carry
+            change, state = solver.update(jax.jacfwd(cost)(q), state)
+            return (optax.apply_updates(q, change), state), None
+
+        (q, _), _ = jax.lax.scan(update, (start, solver.init(start)), length=iterations)
+        return q, cost(q)
+
+    return jax.vmap(one)(starts)
+
+
+#: differential evolution's box around the scaled published damper: a factor of e^±3 for positive quantities
+BOX = 3.0
+
+
+def _evolve(
+    coarse: Problem, choice: Choice, scale: Scale, simulations: int, record: Record, fitted: Mask, held: Mask, seed: int
+) -> Evolution:
+    """SciPy's differential evolution over the same unknowns with as many simulations of the thinned record."""
+    from scipy.optimize import differential_evolution
+
+    count = len(unknown_names(choice))
+    lanes = max(8, min(4 * count, simulations // 3))
+    objective = _population_cost(choice)
+    began, used = time.perf_counter(), 0
+
+    def costs(population: np.ndarray) -> np.ndarray:
+        nonlocal used
+        used += population.shape[1]
+        # always as many lanes, so that it compiles once
+        filled = np.resize(population.T, (lanes, count)).T
+        return np.asarray(objective(coarse, scale, jnp.asarray(filled)))[: population.shape[1]]
+
+    random = np.random.default_rng(seed)
+    first = random.uniform(-BOX, BOX, (lanes, count))
+    found = differential_evolution(
+        costs,
+        [(-BOX, BOX)] * count,
+        init=first,
+        maxiter=max(1, simulations // lanes - 1),
+        tol=0.0,
+        polish=False,
+        vectorized=True,
+        updating="deferred",
+        rng=random,
+    )
+    guess = decode(choice, scale, jnp.asarray(found.x))
+    force = as_measured(record, guess.damper, guess.inertia, np.asarray(guess.stretches), guess.offset, int(coarse.parts))
+    return Evolution(
+        fit_error=error_of(force, record.force, fitted),
+        heldout_error=error_of(force, record.force, held),
+        heldout_correlation=float(np.corrcoef(force[held], record.force[held])[0, 1]),
+        simulations=used,
+        seconds=time.perf_counter() - began,
+    )
+
+
+@functools.cache
+def _population_cost(choice: Choice) -> Callable[..., Array]:
+    def cost(problem: Problem, scale: Scale, population: Float[Array, "unknowns lanes"]) -> Float[Array, "lanes"]:
+        one = functools.partial(residuals, problem, choice, scale)
+        values = jax.vmap(lambda q: jnp.sum(one(q) ** 2), in_axes=1)(population)
+        return jnp.where(jnp.isfinite(values), values, 1e6)
+
+    return jax.jit(cost)

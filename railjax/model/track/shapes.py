@@ -1,0 +1,115 @@
+"""Tracks: lateral alignment eta (m) over distance (m). Wheelset i sees eta(v t + s_i), delayed by its position.
+
+A track is a pytree with one method, `seen_from(offset)`, that returns eta(start + offset) as a function of `start`: the
+offsets are fixed over a run, so what depends on them alone is computed once.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ...base.checks import guarded, shown, traced
+from ...base.errors import InputError
+from ...base.typing import Number
+
+Distances = Float[Array, "..."]
+Alignment = Callable[[Distances], Distances]
+
+
+@runtime_checkable
+class Track(Protocol):
+    """What `simulate` asks of a track."""
+
+    def seen_from(self, offset: Distances) -> Alignment:
+        """eta(start + offset) as a function of start; both in m, broadcast against each other."""
+        ...
+
+
+@guarded()
+def alignment(track: Track, distance: ArrayLike) -> Distances:
+    """Lateral alignment eta in m at any `distance` (m, of any shape) along the track."""
+    distance = jnp.asarray(distance, float)
+    return track.seen_from(jnp.zeros_like(distance))(distance)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class TangentTrack:
+    """Straight, without irregularity."""
+
+    def seen_from(self, offset: Distances) -> Alignment:
+        """eta = 0, m, whatever `offset` (m) and distance."""
+        return lambda start: jnp.zeros(jnp.broadcast_shapes(offset.shape, jnp.shape(start)), offset.dtype)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SinusoidTrack:
+    """Periodic irregularity eta = A sin(2 pi s/L): amplitude A and wavelength L in m.
+
+    The paper gives A (5 and 10 mm in figs. 16-18) but not L. Wavelengths of 6 to 60 m are felt by a coach at 50 m/s.
+    """
+
+    amplitude: Number
+    wavelength: Number
+
+    def seen_from(self, offset: Distances) -> Alignment:
+        """A sin(kappa (start + offset)), by the addition theorem: two sines a start, whatever the number of offsets."""
+        wavenumber = 2.0 * jnp.pi / self.wavelength
+        sine, cosine = (
+            self.amplitude * jnp.sin(wavenumber * offset),
+            self.amplitude * jnp.cos(wavenumber * offset),
+        )
+
+        return lambda start: jnp.cos(wavenumber * start) * sine + jnp.sin(wavenumber * start) * cosine
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class BumpTrack:
+    """A single period fixed in space, tangent to the track at both ends, so that its duration follows the speed.
+
+    eta = A/2 (1 - cos(2 pi (s - start)/L)) for start <= s <= start + L, 0 elsewhere; A is the peak, m. The paper's "single
+    period sinusoid function which considers the irregularity tangent to the track" is read as this.
+    """
+
+    amplitude: Number  # A, m
+    length: Number  # L, m
+    start: Number = 20.0  # m
+
+    def seen_from(self, offset: Distances) -> Alignment:
+        """The bump at start + `offset`, m: a function of the distance (m)."""
+
+        def at(start: Distances) -> Distances:
+            along = jnp.clip((start + offset - self.start) / self.length, 0.0, 1.0)
+            return 0.5 * self.amplitude * (1.0 - jnp.cos(2.0 * jnp.pi * along))
+
+        return at
+
+
+def check_track(track: Track) -> None:
+    """Refuse numbers that are not finite and lengths that are not positive, where they are known."""
+    if not dataclasses.is_dataclass(track):
+        return
+    for field in dataclasses.fields(track):
+        key, value = field.name, getattr(track, field.name)
+        if field.metadata.get("static") or value is None or traced(value):
+            continue
+        # NumPy, because under `jit` even constants become tracers of jax.numpy
+        try:
+            array = np.asarray(value, float)
+        except (TypeError, ValueError):
+            array = np.zeros(0)
+        if not array.size:
+            raise InputError(f"track.{key} must be a number, not {shown(value)}")
+        wrong = ~np.isfinite(array)
+        if np.any(wrong):
+            raise InputError(f"track.{key} must be finite, not {array[wrong][0]}")
+        if key in ("wavelength", "length", "spacing", "fade") and not np.all(array > 0):
+            raise InputError(f"track.{key} must be positive (m), not {value}")

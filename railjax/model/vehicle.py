@@ -1,0 +1,421 @@
+"""The vehicle: nested parameter pytrees in SI units, with the paper's symbols (Table 1).
+
+Every number is a leaf: a float, or an array with one value per lane of a batch (trailing axis). Structure (how many
+bogies and axles, which bodies are held, which laws act) is static. Nothing is validated here, because JAX rebuilds
+pytrees with tracers and placeholders; `vehicle_files` validates at the file's boundary, `arguments` where a vehicle is used.
+
+Springs and dampers are per side: a bogie has two secondary corners, a wheelset two axle boxes.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple, get_args
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..base.checks import Kind, a_name, guarded
+from ..base.errors import InputError
+from ..base.typing import Number
+
+
+def quantity(
+    unit: str, symbol: str, meaning: str, default: float | None = None, positive: bool = False, signed: bool = False
+) -> Any:
+    """A dataclass field that is a differentiable leaf; its metadata feed the file reader, messages, checks and charts. Neither `positive`
+    nor `signed`: 0 or positive."""
+    metadata = {"unit": unit, "symbol": symbol, "meaning": meaning, "positive": positive, "signed": signed}
+    return field(metadata=metadata) if default is None else field(default=default, metadata=metadata)
+
+
+def optional(unit: str, symbol: str, meaning: str, positive: bool = False, signed: bool = False) -> Any:
+    """A quantity that a part may do without: None, and then no leaf and no code."""
+    metadata = {"unit": unit, "symbol": symbol, "meaning": meaning, "positive": positive, "signed": signed}
+    return field(default=None, metadata=metadata)
+
+
+def table(unit: str, symbol: str, meaning: str) -> Any:
+    """A quantity given by several numbers: an array with one axis of its own, before any lanes."""
+    return field(metadata={"unit": unit, "symbol": symbol, "meaning": meaning, "positive": False, "signed": False, "axes": 1})
+
+
+def structure(default: Any, meaning: str = "") -> Any:
+    """A dataclass field that is static: a change of it compiles anew."""
+    return field(default=default, metadata={"static": True, "meaning": meaning})
+
+
+HELD = "true: it does not move, and its mass and inertias are not needed"
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class CarBody:
+    """Car body: lateral y_c, yaw psi_c, roll phi_c. Typical: 25 to 45 t."""
+
+    mass: Number = quantity("kg", "m_c", "car body mass", positive=True)
+    roll_inertia: Number = quantity("kg m^2", "I_cx", "car body roll inertia", positive=True)
+    yaw_inertia: Number = quantity("kg m^2", "I_cz", "car body yaw inertia", positive=True)
+    held: bool = structure(False, HELD)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Bogie:
+    """Bogie frame: lateral y_b, yaw psi_b, roll phi_b. Typical: 2 to 4 t."""
+
+    mass: Number = quantity("kg", "m_b", "bogie frame mass", positive=True)
+    roll_inertia: Number = quantity("kg m^2", "I_bx", "bogie frame roll inertia", positive=True)
+    yaw_inertia: Number = quantity("kg m^2", "I_bz", "bogie frame yaw inertia", positive=True)
+    held: bool = structure(False, HELD)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Wheelset:
+    """Wheelset: lateral y_i, yaw psi_i. Table 1 lists I_oy and I_ox; they are the yaw and the spin inertia (reading 3)."""
+
+    mass: Number = quantity("kg", "m_o", "wheelset mass", positive=True)
+    yaw_inertia: Number = quantity("kg m^2", "I_oy", "wheelset yaw inertia", positive=True)
+    wheel_radius: Number = quantity("m", "r_0", "nominal rolling radius", positive=True)
+    spin_inertia: Number = quantity("kg m^2", "I_ox", "wheelset spin inertia (gyroscopic terms only)", 0.0)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class PrimarySuspension:
+    """Axle suspension, per axle box. Typical: 1 to 40 MN/m longitudinally, 1 to 10 laterally, 0.5 to 1.5 vertically."""
+
+    stiffness_x: Number = quantity("N/m", "k_ox", "primary longitudinal stiffness")
+    stiffness_y: Number = quantity("N/m", "k_oy", "primary lateral stiffness")
+    stiffness_z: Number = quantity("N/m", "k_oz", "primary vertical stiffness")
+    damping_x: Number = quantity("N s/m", "rho_ox", "primary longitudinal damping", 0.0)
+    damping_y: Number = quantity("N s/m", "rho_oy", "primary lateral damping", 0.0)
+    damping_z: Number = quantity("N s/m", "rho_oz", "primary vertical damping", 0.0)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SecondarySuspension:
+    """Central suspension, per side of a bogie; damping_x is the yaw damper. The anti-roll bar is per bogie."""
+
+    stiffness_x: Number = quantity("N/m", "k_cx", "secondary longitudinal stiffness")
+    stiffness_y: Number = quantity("N/m", "k_cy", "secondary lateral stiffness")
+    stiffness_z: Number = quantity("N/m", "k_cz", "secondary vertical stiffness")
+    damping_x: Number = quantity("N s/m", "rho_cx", "secondary longitudinal (yaw) damping", 0.0)
+    damping_y: Number = quantity("N s/m", "rho_cy", "secondary lateral damping", 0.0)
+    damping_z: Number = quantity("N s/m", "rho_cz", "secondary vertical damping", 0.0)
+    anti_roll_stiffness: Number = quantity("N m/rad", "k_ar", "anti-roll bar stiffness", 0.0)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class YawDamper:
+    """Yaw dampers (longitudinal, between car body and bogie), one a side, at ±`half_distance`.
+
+    Their valves blow off at `blow_off_velocity`, and rubber ends and bracket give way with `series_stiffness` (Maxwell
+    element: one internal state per bogie, the dashpot's elongation). Without the former they are linear, without the latter
+    rigidly held. Typical: 0.3 to 5 MN s/m up to 0.01 m/s and 10 to 50 kN s/m beyond, on 5 to 10 MN/m.
+
+    The rounding of the smooth twin reaches the whole law where the two slopes are far apart: keep `blow_off_width` well
+    below v_0 √(c_b/c).
+    """
+
+    damping: Number = quantity("N s/m", "c_y", "yaw damper's damping up to blow-off", positive=True)
+    half_distance: Number = quantity("m", "d_y", "half the lateral distance of the yaw dampers", positive=True)
+    blow_off_velocity: Number = optional("m/s", "v_0", "velocity at which the yaw damper blows off", positive=True)
+    damping_beyond: Number = optional("N s/m", "c_b", "yaw damper's damping beyond blow-off")
+    series_stiffness: Number = optional("N/m", "k_y", "stiffness in series with the yaw damper", positive=True)
+    blow_off_width: Number = quantity("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-4)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class LateralDamper:
+    """What sets the secondary lateral dampers (`secondary.damping_y`) apart: blow-off, and points away from the springs.
+
+    Heights as those of the springs in `Geometry`; None is the springs' own. With either given, the damper has a travel of its
+    own, which is also that of a controlled damper in its place. The blow-off belongs to the passive damper. Typical: blow-off
+    at 0.1 to 0.2 m/s.
+    """
+
+    blow_off_velocity: Number = optional("m/s", "v_0", "velocity at which the lateral damper blows off", positive=True)
+    damping_beyond: Number = optional("N s/m", "c_b", "lateral damper's damping beyond blow-off")
+    carbody_height: Number = optional("m", "h_cd", "car body centre above the lateral damper", signed=True)
+    bogie_to_damper: Number = optional("m", "h_bd", "bogie centre to the lateral damper", signed=True)
+    blow_off_width: Number = quantity("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-3)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class BumpStop:
+    """Lateral bump stops of a bogie at the height of the secondary springs: force (N, per bogie) over travel (m).
+
+    Straight lines through (0, 0) and the table's points, travel positive and rising; odd; the last slope goes on. Typical:
+    free for 20 to 30 mm, then progressive.
+    """
+
+    travel: Number = table("m", "", "travels of the bump stop's table")
+    force: Number = table("N", "", "forces of the bump stop's table")
+    width: Number = quantity("m", "", "smooth twin: rounding of the table's corners", 1e-4)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Geometry:
+    """Half distances, heights and the layout: pattern (1, -1) is two bogies (axles) at +l and -l (+a and -a),
+    (1, 0, -1) three axles in a bogie, (0,) a single one. Leading ones first. The secondary vertical dampers stand with the
+    springs unless `half_vertical_damper` says otherwise; `carbody_to_floor` is where the floor's acceleration is recorded."""
+
+    half_wheelbase: Number = quantity("m", "a", "half the bogie's wheelbase")
+    half_pivot_distance: Number = quantity("m", "l", "half the distance between bogies")
+    half_gauge: Number = quantity("m", "e", "half the distance between the contact points", positive=True)
+    half_primary: Number = quantity("m", "d_o", "half the lateral distance of the primary springs")
+    half_secondary: Number = quantity("m", "d_c", "half the lateral distance of the secondary springs")
+    carbody_height: Number = quantity("m", "h_cc", "car body centre above the secondary suspension", signed=True)
+    bogie_to_primary: Number = quantity("m", "h_ob", "bogie centre to the axle suspension", signed=True)
+    bogie_to_secondary: Number = quantity("m", "h_cb", "bogie centre to the secondary suspension", signed=True)
+    half_vertical_damper: Number = optional("m", "d_v", "half the lateral distance of the secondary vertical dampers")
+    carbody_to_floor: Number = optional("m", "h_cf", "car body centre above the floor")
+    bogie_pattern: tuple[float, ...] = structure((1.0, -1.0), "where the bogies are, from front to rear, in half pivot distances")
+    axle_pattern: tuple[float, ...] = structure((1.0, -1.0), "where a bogie's axles are, in half wheelbases")
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Contact:
+    """Wheel-rail contact, creep coefficients per wheel (Kalker's f_ij), flange per wheelset.
+
+    `law` is "sharp" (Vermeulen-Johnson saturation and dead band as published, for reporting), "smooth" (their twins,
+    rounded within `creep_width` and `flange_width`, for gradients through the kinks) or "linear" (Kalker's linear
+    creep, no flange: the model of eqs. (2)-(4)).
+    """
+
+    creep_longitudinal: Number = quantity("N", "f_11", "longitudinal creep coefficient")
+    creep_lateral: Number = quantity("N", "f_33", "lateral creep coefficient")
+    conicity: Number = quantity("1", "lambda", "effective conicity", signed=True)
+    wheel_load: Number = quantity("N", "Q", "load on one wheel", positive=True)
+    friction: Number = quantity("1", "mu", "coefficient of friction", positive=True)
+    flange_stiffness: Number = quantity("N/m", "k_f", "flange-rail stiffness")
+    flange_clearance: Number = quantity("m", "delta", "half width of the flange's dead band")
+    creep_lateral_spin: Number = quantity("N m", "f_12", "lateral/spin creep coefficient", 0.0)
+    creep_spin: Number = quantity("N m^2", "f_22", "spin creep coefficient", 0.0)
+    creep_width: Number = quantity("1", "", "smooth twin: rounding of u at zero creep", 0.01)
+    flange_width: Number = quantity("m", "", "smooth twin: rounding of the dead band's corners", 1e-4)
+    law: Literal["sharp", "smooth", "linear"] = structure("sharp", '"sharp", "smooth" or "linear"')
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a parameter's value comes from: `status` is "published", "recalled", "assumed" or "calibrated"; "tuned" where `tune` chose it."""
+
+    parameter: str
+    status: str
+    note: str
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Vehicle:
+    """One car body on n bogies of m axles each.
+
+    Yaw dampers, bump stops and what is special about the lateral dampers are None where there are none. `gyroscopic` adds the
+    spin-yaw coupling of the wheelsets, `gravitational` the contact's gravitational stiffness; both are off for the paper's
+    coach, which does not state them.
+    """
+
+    carbody: CarBody
+    bogie: Bogie
+    wheelset: Wheelset
+    primary: PrimarySuspension
+    secondary: SecondarySuspension
+    geometry: Geometry
+    contact: Contact
+    yaw_damper: YawDamper | None = None
+    lateral_damper: LateralDamper | None = None
+    bump_stop: BumpStop | None = None
+    gyroscopic: bool = structure(False, "spin-yaw coupling of the wheelsets")
+    gravitational: bool = structure(False, "the contact's gravitational stiffness")
+    name: str = structure("")
+    note: str = structure("")
+    provenance: tuple[Provenance, ...] = structure(())
+
+    def __str__(self) -> str:
+        bogies, axles = len(self.geometry.bogie_pattern), len(self.geometry.axle_pattern)
+        held = [part for part in ("carbody", "bogie") if getattr(self, part).held]
+        doubtful = [f"{p.parameter} ({p.status})" for p in self.provenance if p.status != "published"]
+        lines = [f"Vehicle {self.name or '(unnamed)'}: {bogies} bogie(s) of {axles} axle(s), {self.contact.law} contact"]
+        lines += [f"  held: {', '.join(held)}"] if held else []
+        lines += [f"  with {', '.join(self._elements())}"] if self._elements() else []
+        lines += [f"  not from the source: {', '.join(doubtful)}"] if doubtful else []
+        return "\n".join(lines)
+
+    def _elements(self) -> list[str]:
+        """The optional parts that are there, in words."""
+        found = []
+        if self.yaw_damper is not None:
+            traits = {"blow-off": self.yaw_damper.blow_off_velocity, "series stiffness": self.yaw_damper.series_stiffness}
+            special = " and ".join(name for name, value in traits.items() if value is not None)
+            found.append("yaw dampers" + (f" ({special})" if special else ""))
+        if self.lateral_damper is not None:
+            special = " with blow-off" if self.lateral_damper.blow_off_velocity is not None else " at heights of their own"
+            found.append("lateral dampers" + special)
+        if self.bump_stop is not None:
+            found.append("bump stops")
+        return found
+
+
+VEHICLE = Kind("model.vehicle.Vehicle", "a vehicle, as railjax.load_vehicle gives it")
+
+#: part of a vehicle -> its class; a vehicle may do without those in OPTIONAL
+PARTS: dict[str, type] = {
+    f.name: next(kind for kind in (f.type, *get_args(f.type)) if dataclasses.is_dataclass(kind))
+    for f in dataclasses.fields(Vehicle)
+    if not f.metadata.get("static")
+}
+OPTIONAL = tuple(f.name for f in dataclasses.fields(Vehicle) if f.name in PARTS and f.default is None)
+
+
+@guarded(vehicle=VEHICLE)
+def replace(vehicle: Vehicle, **changes: Any) -> Vehicle:
+    """A copy with some parameters changed, named by their path with `__` for the dot.
+
+    >>> stiffer = replace(coach, primary__stiffness_x=4e6, contact__law="smooth")  # doctest: +SKIP
+
+    Raises `InputError` for a path that does not exist.
+    """
+    for path, value in changes.items():
+        vehicle = set_parameter(vehicle, path.replace("__", "."), value)
+    return vehicle
+
+
+@guarded(vehicle=VEHICLE, path=a_name)
+def get_parameter(vehicle: Vehicle, path: str) -> Any:
+    """The value at a dotted path, `get_parameter(coach, "primary.stiffness_x")` (SI).
+
+    Raises `InputError` for a path that does not exist, in any vehicle or in this one.
+    """
+    value: Any = vehicle
+    for name in path.split("."):
+        if value is None and path in _paths():
+            part = path.split(".")[0]
+            raise InputError(f"no parameter {path!r}: this vehicle has no {part.replace('_', ' ')}")
+        if not dataclasses.is_dataclass(value) or name not in {f.name for f in dataclasses.fields(value)}:
+            raise _no_such_parameter(path)
+        value = getattr(value, name)
+    return value
+
+
+@guarded(vehicle=VEHICLE, path=a_name)
+def set_parameter(vehicle: Vehicle, path: str, value: Any) -> Vehicle:
+    """A copy of the vehicle with the value (SI) at a dotted path changed."""
+    get_parameter(vehicle, path)  # refuses a path that does not exist
+    return _set(vehicle, path.split("."), value)
+
+
+def _set(part: Any, names: list[str], value: Any) -> Any:
+    head, *rest = names
+    return dataclasses.replace(part, **{head: _set(getattr(part, head), rest, value) if rest else value})
+
+
+def _no_such_parameter(path: str) -> InputError:
+    import difflib
+
+    near = difflib.get_close_matches(path, _paths(), n=1, cutoff=0.0)[0]
+    return InputError(f"no parameter {path!r} in a vehicle; the nearest is {near!r}")
+
+
+def _paths() -> list[str]:
+    """Dotted paths of all that a vehicle may have."""
+    return [f"{part}.{f.name}" for part, kind in PARTS.items() for f in dataclasses.fields(kind) if "unit" in f.metadata]
+
+
+@guarded(vehicle=VEHICLE)
+def parameters(vehicle: Vehicle | None = None) -> Iterator[tuple[str, dataclasses.Field]]:
+    """Dotted path and field (its metadata: unit, symbol, meaning) of every number that all vehicles have, or, given a
+    vehicle, of every number (and table) of that one, with its optional parts."""
+    for part, kind in PARTS.items():
+        there = kind if vehicle is None else getattr(vehicle, part)
+        if there is None or (vehicle is None and part in OPTIONAL):
+            continue
+        for entry in dataclasses.fields(kind):
+            # what a class lacks has no default, so every vehicle gives it
+            if "unit" in entry.metadata and getattr(there, entry.name, entry) is not None:
+                yield f"{part}.{entry.name}", entry
+
+
+def without_labels(vehicle: Vehicle) -> Vehicle:
+    """The vehicle without name, note and provenance, so that two vehicles of one structure share compiled code."""
+    return dataclasses.replace(vehicle, name="", note="", provenance=())
+
+
+#: numbers of an array above which it stays on its device
+FEW = 4096
+
+
+def as_numbers(tree: Any) -> Any:
+    """Every number of the tree as an array of JAX's default float: code is compiled anew where a Python float takes the place of an
+    array or of a NumPy number. Where nothing is traced NumPy makes them, because each first `jnp.asarray` of a kind compiles as well."""
+    dtype = jnp.result_type(float)
+
+    def number(leaf: Any) -> Any:
+        if isinstance(leaf, jax.core.Tracer):
+            return jnp.asarray(leaf, dtype)
+        large = isinstance(leaf, jax.Array) and leaf.size > FEW and leaf.dtype == dtype
+        return leaf if large else np.asarray(leaf, dtype)
+
+    return jax.tree.map(number, tree)
+
+
+class Form(NamedTuple):
+    """What a tree of arrays is made of but its numbers, which a compiled function takes as one array: many are slow to hand over, and XLA
+    aborts the process on an argument of one kernel for which it finds no use."""
+
+    structure: Any
+    shapes: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, tree: Any) -> "Form":
+        leaves, structure = jax.tree.flatten(tree)
+        return cls(structure, tuple(np.shape(leaf) for leaf in leaves))
+
+    def tree(self, numbers: Any) -> Any:
+        """The tree of `numbers` (numbers, *lanes), NumPy's or JAX's."""
+        sizes, lanes = [math.prod(shape) for shape in self.shapes], numbers.shape[1:]
+        parts = [numbers[end - size : end] for size, end in zip(sizes, np.cumsum(sizes), strict=True)]
+        return self.structure.unflatten([part.reshape((*shape, *lanes)) for part, shape in zip(parts, self.shapes, strict=True)])
+
+
+def numbers_of(tree: Any) -> np.ndarray:
+    """All numbers of a tree as one array, in the order of its leaves."""
+    return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(tree)])
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Packed:
+    """A tree of arrays as a compiled function is handed it: what has no axes in one vector, since 50 numbers each by itself take 100 µs."""
+
+    numbers: Any
+    tables: Any
+    tree: Any = structure(None)
+    single: Any = structure(())
+
+    @classmethod
+    def of(cls, tree: Any) -> "Packed":
+        leaves, treedef = jax.tree.flatten(tree)
+        single = tuple(np.ndim(leaf) == 0 for leaf in leaves)
+        numbers = np.array([leaf for leaf, alone in zip(leaves, single, strict=True) if alone], jnp.result_type(float))
+        tables = [leaf for leaf, alone in zip(leaves, single, strict=True) if not alone]
+        return cls(numbers, as_numbers(tables), treedef, single)
+
+    def unpacked(self) -> Any:
+        numbers, tables = iter(self.numbers), iter(self.tables)
+        return self.tree.unflatten([next(numbers) if alone else next(tables) for alone in self.single])
+
+
+def bare(vehicle: Vehicle, damper: Any) -> tuple[Vehicle, Any]:
+    """The vehicle without labels, and the damper, all numbers as arrays: see `as_numbers`; each is quicker to hand over."""
+    return as_numbers((without_labels(vehicle), damper))

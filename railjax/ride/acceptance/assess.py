@@ -1,0 +1,258 @@
+"""Running safety and ride of one run or many, in the manner of UIC 518 / EN 14363, as far as lateral dynamics gives them.
+
+The run is cut into track sections; every quantity is filtered and has one value x_i per section (a percentile or an r.m.s.);
+what is compared with the limit is the estimated maximum x_mean + k s over the sections (one-dimensional method). The
+instability criterion is the largest r.m.s. of a sliding window. It is no certificate: `NOT_ASSESSED` says what is missing.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
+
+from ...base.checks import Kind, guarded, whole
+from ...base.errors import InputError
+from ...base.typing import Number
+from ...base.units import KMH
+from ...model.vehicle import Vehicle
+from ...simulation.simulate import Simulation
+from .criteria import (
+    CRITERIA,
+    HALF_BAND,
+    LOWEST,
+    MEAN_OVER,
+    NOT_ASSESSED,
+    RMS_OVER,
+    SECTIONS,
+    SHORTEST,
+    Criterion,
+    Given,
+)
+from .record import RunningRecord, check_record, record_of_run
+from .result import one_run, plain, several_runs
+from .signals import by_section, filtered, hunting_frequency, sliding_mean, sliding_rms
+
+Values = Float[np.ndarray, "..."]
+
+#: seconds at either end that are filtered but not assessed
+MARGIN = 5.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One quantity of the standard, arrays (*lanes).
+
+    `value` is what is compared with `limit`: the largest of the parts' estimated maxima, or the largest sliding r.m.s. (NaN
+    where there is none). `largest` is the largest value of a single section or window, which was found at `part` (wheelset, axle
+    or bogie, 1 in front) and begins `position` m from the start of the record. `verdict`: "met", "exceeded", "not determined".
+    """
+
+    value: Values
+    limit: Values
+    largest: Values
+    part: Int[np.ndarray, "..."]
+    position: Values
+    verdict: Shaped[np.ndarray, "..."]
+
+
+@dataclass(frozen=True)
+class Acceptance:
+    """Result of `acceptance`: `findings` by the keys of `CRITERIA`, for a run or for each lane of a batch; prints itself."""
+
+    findings: dict[str, Finding]
+    speed: Values  # m/s
+    hunting_frequency: Values  # f0, Hz
+    sections: Int[np.ndarray, "..."]  # number of them
+    section_length: Values  # m
+    minimum_sections: int  # number that a full assessment needs
+    ok: Bool[np.ndarray, "..."]
+    name: str = ""
+
+    @property
+    def verdict(self) -> Shaped[np.ndarray, "..."]:
+        """Over all quantities in the record: "exceeded" if any is, "met" if all are."""
+        each = np.array([finding.verdict for finding in self.findings.values()])
+        return np.where(
+            (each == "exceeded").any(axis=0), "exceeded", np.where((each == "met").all(axis=0), "met", "not determined")
+        )
+
+    @guarded(index=whole(0))
+    def lane(self, index: int) -> "Acceptance":
+        """The result of a single lane, that of number `index`."""
+        if index >= np.size(self.ok):
+            raise InputError(f"index must be below the number of lanes, {np.size(self.ok)}, not {index}")
+        findings = {key: Finding(*(np.asarray(a[index]) for a in vars(f).values())) for key, f in self.findings.items()}
+        arrays = (self.speed, self.hunting_frequency, self.sections, self.section_length)
+        own = (np.asarray(a[index]) for a in arrays)
+        return Acceptance(findings, *own, self.minimum_sections, np.asarray(self.ok[index]), self.name)
+
+    def notes(self) -> list[str]:
+        """What has to be known beside the numbers."""
+        few = self.ok & (self.sections < self.minimum_sections)
+        absent = [criterion.name for key, criterion in CRITERIA.items() if key not in self.findings]
+        return [
+            "In the manner of UIC 518 / EN 14363, on straight track; no certificate. Limits and factors k are recalled; to_dict() names the sources.",
+            *([f"No sound run (diverged, or dt too large): {np.sum(~self.ok)} lane(s)."] if not np.all(self.ok) else []),
+            *([f"Fewer than {self.minimum_sections} sections: too few to estimate a maximum."] if np.any(few) else []),
+            *([f"Not in the record: {', '.join(absent)}."] if absent else []),
+            *(f"Not assessed: {entry}." for entry in NOT_ASSESSED),
+        ]
+
+    def __str__(self) -> str:
+        return several_runs(self) if self.speed.ndim else one_run(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts for JSON, SI units: of a batch {"lanes": [...], ...}, of a run the quantities themselves."""
+        return plain(self)
+
+
+def default_section(speed: Number) -> Values:
+    """250 m up to 220 km/h and 500 m beyond: straight track, UIC 518 (recalled). Speed in m/s."""
+    return np.where(np.asarray(speed) * KMH > 220.0 + 1e-9, 500.0, 250.0)
+
+
+@guarded()
+def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1.0, **options: Any) -> Acceptance:
+    """Assess a simulated run, or every lane of a batch: `acceptance_of_record`, with its options such as
+    `prudhomme_factor`, a number, with the vehicle's axle load and bogie mass.
+
+    The run must have recorded `acceptance_channels(vehicle)` at 200 Hz or more (`sample=5e-3`), at constant speed, over 25
+    sections and the margins: about 6.6 km up to 220 km/h, 13 km beyond. P = 2 Q; M is the bogie frame with its wheelsets.
+    """
+    mass = vehicle.bogie.mass + len(vehicle.geometry.axle_pattern) * vehicle.wheelset.mass
+    given = {"axle_load": 2.0 * vehicle.contact.wheel_load, "bogie_mass": mass, "prudhomme_factor": prudhomme_factor}
+    return acceptance_of_record(record_of_run(vehicle, run), **given, **options)
+
+
+@guarded(record=Kind("ride.acceptance.record.RunningRecord", "a railjax.RunningRecord"))
+def acceptance_of_record(
+    record: RunningRecord,
+    *,
+    axle_load: Number | None = None,
+    bogie_mass: Number | None = None,
+    prudhomme_factor: float = 1.0,
+    section_length: float | None = None,
+    margin: float = MARGIN,
+    hunting_frequency: float | None = None,
+    minimum_sections: int = SECTIONS,
+) -> Acceptance:
+    """Assess measured or simulated time histories.
+
+    `axle_load` P in N (needed with guiding forces) and `bogie_mass` M with wheelsets in kg (with bogie accelerations) may have one value per lane;
+    `prudhomme_factor` α is 1, for wagons 0.85. `section_length` in m, by default 250 up to 220 km/h and 500 beyond (UIC 518,
+    recalled). The first and last `margin` seconds are filtered but not assessed, for transients of start and filters.
+    `hunting_frequency` f0 in Hz, by default the highest peak of SumY's spectrum (without SumY, of the bogie accelerations).
+    With fewer sections than the number `minimum_sections` a quantity is "exceeded" if a section is beyond the limit, else not
+    determined. Lanes with `record.ok` False are marked and the others kept.
+
+    Raises `InputError` for values that are not finite, a sampling rate below 200 Hz and a record shorter than one section.
+    """
+    signals, lanes, ok = check_record(record)
+    given = Given(
+        None if axle_load is None else _by_lane("axle_load", axle_load, lanes),
+        None if bogie_mass is None else _by_lane("bogie_mass", bogie_mass, lanes),
+        _positive("prudhomme_factor", prudhomme_factor),
+    )
+    if "guiding_force" in signals and given.axle_load is None:
+        raise InputError("axle_load is needed for the limits of guiding forces, N")
+    if "bogie_acceleration" in signals and given.bogie_mass is None:
+        raise InputError("bogie_mass is needed for the limits of bogie accelerations, kg with wheelsets")
+    for key, value in (("section_length", section_length), ("hunting_frequency", hunting_frequency)):
+        if value is not None:
+            _positive(key, value)
+    if section_length is not None and section_length < SHORTEST:
+        raise InputError(f"section_length must be {SHORTEST:g} m or more for its percentiles, not {section_length:g}")
+    if hunting_frequency is not None and hunting_frequency + HALF_BAND >= 0.5 * record.sampling_rate:
+        raise InputError(f"hunting_frequency {hunting_frequency:g} Hz is too high for {record.sampling_rate:g} samples a second")
+    if not (np.isfinite(margin) and margin >= 0.0):
+        raise InputError(f"margin must be 0 or a positive number of seconds, not {margin}")
+    speed = _by_lane("speed", record.speed, lanes)
+    length = default_section(speed) if section_length is None else np.full(lanes, float(section_length))
+    samples = len(next(iter(signals.values())))
+    sections = np.floor(speed * (samples / record.sampling_rate - 2.0 * margin) / length + 1e-9).astype(int)
+    if np.any(ok & (sections < 1)):
+        worst = np.argmin(np.where(ok, sections, sections.max() + 1))
+        needed = length[worst] / speed[worst] + 2.0 * margin
+        raise InputError(
+            f"the record of {samples / record.sampling_rate:g} s at {speed[worst] * KMH:g} km/h is shorter than a section of "
+            f"{length[worst]:g} m and the margins; it takes {needed:.0f} s"
+        )
+    f0 = np.full(lanes, np.nan)
+    found = {key: np.full((4, lanes), np.nan) for key, c in CRITERIA.items() if c.signal in signals}
+    for lane in np.flatnonzero(ok):
+        own = {name: values[..., lane] for name, values in signals.items()}
+        frame = _Frame(record.sampling_rate, float(speed[lane]), margin, float(length[lane]), int(sections[lane]))
+        f0[lane] = _f0(own, frame) if hunting_frequency is None else hunting_frequency
+        for key in found:
+            found[key][:, lane] = _assess(CRITERIA[key], own, frame, float(f0[lane]))
+    findings = {key: _finding(CRITERIA[key], values, given, sections >= minimum_sections) for key, values in found.items()}
+    result = Acceptance(findings, speed, f0, np.where(ok, sections, 0), length, minimum_sections, ok, record.name)
+    return result if record.lanes else result.lane(0)
+
+
+class _Frame(NamedTuple):
+    """Sampling of a lane and its sections."""
+
+    rate: float
+    speed: float
+    margin: float
+    length: float
+    sections: int
+
+    def inner(self, values: Values) -> Values:
+        """Without the margins."""
+        cut = round(self.margin * self.rate)
+        return values[cut : len(values) - cut]
+
+
+def _f0(signals: dict[str, Values], frame: _Frame) -> float:
+    name = next((n for n in ("guiding_force", "bogie_acceleration") if n in signals), None)
+    return np.nan if name is None else hunting_frequency(frame.inner(signals[name]), frame.rate)
+
+
+def _assess(criterion: Criterion, signals: dict[str, Values], frame: _Frame, f0: float) -> tuple[float, ...]:
+    """What is compared with the limit; the largest value of a section or window, its part (1 in front) and its start in m."""
+    low, high = criterion.band or (max(f0 - HALF_BAND, LOWEST), f0 + HALF_BAND)
+    values = frame.inner(filtered(signals[criterion.signal], frame.rate, low, high))
+    spacing = frame.speed / frame.rate
+    if criterion.statistic == "sliding rms":
+        starts, per_window = sliding_rms(values, spacing, *RMS_OVER)
+        if not len(starts):
+            return np.nan, np.nan, np.nan, np.nan
+        window, part = np.unravel_index(np.argmax(per_window), per_window.shape)
+        worst = per_window[window, part]
+        return worst, worst, float(part + 1), frame.margin * frame.speed + starts[window]
+    if criterion.signal == "guiding_force":
+        starts, values = sliding_mean(values, spacing, *MEAN_OVER)
+        position = starts + 0.5 * MEAN_OVER[0]
+    else:
+        position = spacing * np.arange(len(values))
+    each = by_section(values, position, frame.length, frame.sections, criterion.statistic == "rms")
+    section, part = np.unravel_index(np.argmax(each), each.shape)
+    start = frame.margin * frame.speed + section * frame.length
+    estimate = np.max(each.mean(axis=0) + criterion.k * each.std(axis=0, ddof=1)) if len(each) > 1 else np.nan
+    return estimate, each[section, part], float(part + 1), start
+
+
+def _finding(criterion: Criterion, found: Values, given: Given, enough: Bool[np.ndarray, "..."]) -> Finding:
+    value, largest, part, position = found
+    limit = np.broadcast_to(np.asarray(criterion.limit(given), float), value.shape)
+    determined = (enough | (criterion.statistic == "sliding rms")) & np.isfinite(value) & np.isfinite(limit)
+    beyond = np.where(determined, value, largest) > limit
+    verdict = np.where(beyond, "exceeded", np.where(determined, "met", "not determined"))
+    return Finding(value, limit, largest, np.nan_to_num(part).astype(int), position, verdict)
+
+
+def _positive(key: str, value: Any) -> Any:
+    array = np.asarray(value, float)
+    if not np.all(np.isfinite(array) & (array > 0)):
+        raise InputError(f"{key} must be positive and finite, not {np.min(array):g}")
+    return value
+
+
+def _by_lane(key: str, value: Any, lanes: int) -> Float[np.ndarray, "{lanes}"]:
+    array = np.asarray(_positive(key, value), float)
+    if array.ndim and array.shape != (lanes,):
+        raise InputError(f"{key} must be one number or one for each of {lanes} lane(s), not of shape {array.shape}")
+    return np.broadcast_to(array, (lanes,))

@@ -1,0 +1,94 @@
+"""What UIC 518 / EN 14363 asks of the lateral running behaviour: quantities, their treatment, their limits, where each is from."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ...base.typing import Number
+
+#: lowest sampling rate, Hz (EN 14363, recalled): ten times the highest corner
+SAMPLING = 200.0
+#: sections that a test zone must have (UIC 518, recalled)
+SECTIONS = 25
+#: shortest section of any test zone, m (that of tight curves; recalled)
+SHORTEST = 70.0
+#: (window, step) in m: of SumY (read in GENSYS' course page), of the instability criterion (recalled)
+MEAN_OVER, RMS_OVER = (2.0, 0.5), (100.0, 10.0)
+#: half width of the instability criterion's band, Hz, and its lowest frequency
+HALF_BAND, LOWEST = 2.0, 0.4
+
+NOT_ASSESSED = (
+    "Y/Q and the guiding force Y of one wheel: the model has the sum of both wheels only",
+    "Q, vertical accelerations, quasi-static forces in curves: no vertical dynamics, no curves, no cant",
+    "test zones in curves, worn profiles, the conicities, cant deficiencies and loads that the standard asks for",
+)
+
+
+class Given(NamedTuple):
+    """What the limits depend on."""
+
+    axle_load: Number | None  # P = 2 Q, N
+    bogie_mass: Number | None  # M, with its wheelsets, kg
+    prudhomme_factor: float  # α
+
+
+def prudhomme_limit(axle_load: Number, factor: float = 1.0) -> Number:
+    """α (10 kN + P/3) in N, for P in N: 30.5 kN for 61.5 kN; α is 1, for wagons 0.85."""
+    return factor * (10e3 + axle_load / 3.0)
+
+
+def bogie_limit(bogie_mass: Number) -> Number:
+    """12 - M/5 in m/s^2 with M in t; `bogie_mass` in kg."""
+    return 12.0 - bogie_mass / 5e3
+
+
+class Criterion(NamedTuple):
+    """A quantity of the standard: how it is treated and what limits it."""
+
+    name: str
+    unit: str
+    signal: str  # which array of `RunningRecord`
+    band: tuple[float | None, float | None] | None  # Hz; None: f0 ± 2 Hz
+    statistic: str  # "percentiles", "rms", "sliding rms"
+    k: float | None  # of x_mean + k s
+    limit: Callable[[Given], Number]
+    sources: str
+
+
+_READ, _RECALLED = "published (course page of GENSYS on UIC 518 and EN 14363)", "recalled (UIC 518, EN 14363)"
+
+#: the quantities, their treatment and their limits; k = 3 for safety, 2.2 for ride
+CRITERIA: dict[str, Criterion] = {
+    "guiding_force_sum": Criterion(
+        "sum of guiding forces SumY, 2 m mean", "N", "guiding_force", (None, 20.0), "percentiles", 3.0,
+        lambda given: prudhomme_limit(given.axle_load, given.prudhomme_factor),
+        f"filter, mean and percentiles {_READ}; limit published (Prud'homme; read in secondary texts); alpha and k {_RECALLED}",
+    ),
+    "bogie_safety": Criterion(
+        "bogie frame acceleration over the axles", "m/s^2", "bogie_acceleration", (None, 10.0), "percentiles", 3.0,
+        lambda given: bogie_limit(given.bogie_mass), f"all {_RECALLED}, simplified measuring method",
+    ),
+    "carbody_safety": Criterion(
+        "car body acceleration over the bogies, safety", "m/s^2", "carbody_acceleration", (None, 6.0), "percentiles", 3.0,
+        lambda given: 3.0, f"all {_RECALLED}, simplified measuring method",
+    ),
+    "carbody_ride": Criterion(
+        "car body acceleration over the bogies, ride", "m/s^2", "carbody_acceleration", (0.4, 10.0), "percentiles", 2.2,
+        lambda given: 2.5, f"filter and percentiles {_READ}; limit and k {_RECALLED}",
+    ),
+    "carbody_ride_rms": Criterion(
+        "car body acceleration over the bogies, r.m.s.", "m/s^2", "carbody_acceleration", (0.4, 10.0), "rms", 2.2,
+        lambda given: 0.5, f"filter and r.m.s. {_READ}; limit and k {_RECALLED}",
+    ),
+    "instability_force": Criterion(
+        "instability: SumY, 100 m r.m.s.", "N", "guiding_force", None, "sliding rms", None,
+        lambda given: 0.5 * prudhomme_limit(given.axle_load, given.prudhomme_factor),
+        f"band and sliding r.m.s. {_READ}; window and limit {_RECALLED}",
+    ),
+    "instability_bogie": Criterion(
+        "instability: bogie frame, 100 m r.m.s.", "m/s^2", "bogie_acceleration", None, "sliding rms", None,
+        lambda given: 0.5 * bogie_limit(given.bogie_mass), f"all {_RECALLED}, simplified measuring method",
+    ),
+}  # fmt: skip
+
+#: signal -> how its second axis is counted
+PLACES = {"guiding_force": "wheelset", "bogie_acceleration": "axle", "carbody_acceleration": "bogie"}

@@ -1,0 +1,324 @@
+"""Study files: TOML that names a ready-made study, a vehicle and the parameters to vary, with units in its keys.
+
+Nothing in a file is run as code: studies, tracks and dampers are known by name. Raises `InputError` (one line: file, key, fix).
+"""
+
+import dataclasses
+import os
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import InputError
+from ..base.units import KMH, SUFFIXES, keys_of
+from ..cli.inputs import DAMPERS, make_damper
+from ..model.kinematics import UNITS as COORDINATES
+from ..model.track.random import RandomTrack
+from ..model.track.shapes import BumpTrack, SinusoidTrack, TangentTrack
+from ..model.vehicle import PARTS, Vehicle
+from ..vehicles.files import load_vehicle
+from ..vehicles.values import nearest, number, shown
+from .names import UNITS
+from .points import DESIGNS, MOST_POINTS, SAMPLED, SCALES
+from .ready_made import STUDIES, arguments_of
+
+TRACKS: dict[str, type] = {"tangent": TangentTrack, "sinusoid": SinusoidTrack, "bump": BumpTrack}
+SPEEDS = {"speed_kmh": 1.0 / KMH, "speed_m_per_s": 1.0}
+TOP = ("study", "vehicle", "design", "samples", "seed", "chunk", "options", "track", "damper", "over", *SPEEDS)
+RANGE = ("from", "to", "points", "scale")
+
+EXAMPLE = """\
+# railjax sweep study.toml --out results.zarr
+
+study = "forced-run"                  # or critical-speed, nonlinear-critical-speed, least-damping, ride-comfort
+vehicle = "coach"                     # a packaged vehicle, or a vehicle file beside this one
+design = "grid"                       # or points, latin-hypercube, sobol
+# samples = 1024                      # of a latin-hypercube or sobol design, whose parameters have from and to only
+# seed = 0
+# speed_kmh = 200                     # where it does not vary
+# chunk = 4096                        # points computed, and written, together
+
+[options]                             # of the study
+reduce = ["rms:carbody_acceleration", "peak:guiding_force"]
+duration_s = 10
+dt_ms = 1
+settle_s = 2
+# initial = { wheelset_y_mm = 5 }     # else at rest
+
+[track]
+kind = "sinusoid"                     # or bump, tangent; random, with spectrum = "erri-high", seed = 0, length_m = 10000
+amplitude_mm = 5
+wavelength_m = 20
+
+[damper]
+kind = "balance-logic"                # as in railjax simulate --damper
+alpha = 0.5
+
+[over]                                # what varies: lists, or from ... to, linear or scale = "log"
+speed_kmh = { from = 150, to = 250, points = 21 }
+"primary.stiffness_x_MN_per_m" = { from = 2, to = 5, points = 7 }
+"damper.alpha" = [0.2, 0.5, 1.0]
+"""
+
+
+def read_study(path: str | Path) -> dict[str, Any]:
+    """The arguments of `sweep` from a study file."""
+    path = Path(path)
+    try:
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; railjax sweep --example prints one") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a TOML file ({' '.join(str(error).split())})") from None
+    try:
+        return _read(raw, path.parent)
+    except InputError as error:
+        raise InputError(" ".join(f"{path}: {error}".splitlines())) from None
+
+
+def _read(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
+    for key in raw:
+        if key not in TOP:
+            raise InputError(f"unknown key {key!r}{nearest(key, TOP)}")
+    kind = _one_of(raw, "study", tuple(STUDIES))
+    takes = arguments_of(STUDIES[kind].__call__)
+    found: dict[str, Any] = {"study": _study(kind, _table(raw, "options"))}
+    if not isinstance(raw.get("vehicle"), str):
+        raise InputError('missing key vehicle, like vehicle = "coach"')
+    beside = os.path.join(folder, raw["vehicle"])
+    vehicle = load_vehicle(beside if os.path.isfile(beside) else raw["vehicle"])  # not Path.is_file, which raises for some names
+    found["vehicle"] = vehicle
+    given = [key for key in SPEEDS if key in raw]
+    if len(given) > 1:
+        raise InputError(f"speed is given twice: {' and '.join(given)}; keep one")
+    if given:
+        found["speed"] = number(raw[given[0]], given[0]) * SPEEDS[given[0]]
+    if "track" in raw:
+        found["track"] = _track(_table(raw, "track"))
+    if "damper" in raw:
+        found["damper"] = _damper(_table(raw, "damper"), vehicle, found.get("speed"))
+    for name in ("speed", "track", "damper"):
+        if name in found and name not in takes:
+            raise InputError(f"the study {kind!r} takes no {name}")
+    found["design"] = _one_of(raw, "design", DESIGNS) if "design" in raw else "grid"
+    for key in ("samples", "seed", "chunk"):
+        if key in raw:
+            if not isinstance(raw[key], int) or isinstance(raw[key], bool):
+                raise InputError(f"{key} must be a whole number, not {shown(raw[key])}")
+            found[key] = raw[key]
+    found["over"] = _over(_table(raw, "over"), found)
+    return found
+
+
+def _one_of(table: dict[str, Any], key: str, known: tuple[str, ...], prefix: str = "") -> str:
+    value = table.get(key)
+    if not isinstance(value, str) or value not in known:
+        hint = nearest(value, known) if isinstance(value, str) else ""
+        raise InputError(f"{prefix}{key} must be one of {', '.join(known)}{hint}")
+    return value
+
+
+def _table(raw: dict[str, Any], key: str) -> dict[str, Any]:
+    table = raw.get(key, {})
+    if not isinstance(table, dict):
+        raise InputError(f"{key} must be a table, written [{key}]")
+    return table
+
+
+def _study(kind: str, options: dict[str, Any]) -> Any:
+    fields = {f.name: f for f in dataclasses.fields(STUDIES[kind]) if f.name != "initial"}
+    accepted = _accepted(STUDIES[kind])
+    values: dict[str, Any] = {}
+    for key, value in options.items():
+        name = f"options.{key}"
+        if key == "initial" and "initial" in {f.name for f in dataclasses.fields(STUDIES[kind])}:
+            values["initial"] = _initial(value)
+        elif key in accepted and "unit" in accepted[key][0].metadata:
+            field, factor = accepted[key]
+            _once(values, field.name, name)
+            values[field.name] = number(value, name) * factor
+        elif key in fields and "unit" not in fields[key].metadata:
+            values[key] = _plain(fields[key], value, name)
+        else:
+            known = [k for k, (f, _) in accepted.items() if f.name in fields]
+            if not known:
+                raise InputError(f"unknown key {name}: the study {kind!r} has no options")
+            raise InputError(f"unknown key {name}{nearest(key, known, 'options')}")
+    return STUDIES[kind](**values)
+
+
+def _initial(table: Any) -> dict[str, float]:
+    """Coordinates (and rates) at the start, by name: wheelset_y_mm, bogie_psi_mrad, carbody_y_rate_m_per_s."""
+    if not isinstance(table, dict):
+        raise InputError("options.initial must be a table of coordinates, like { wheelset_y_mm = 5 }")
+    accepted = {}
+    for name, unit in COORDINATES.items():
+        for prefix, factor in (("", 1.0), ("m", 1e-3)):
+            accepted[f"{name}_{prefix}{unit}"] = name, factor
+            accepted[f"{name}_rate_{prefix}{unit}_per_s"] = f"{name}_rate", factor
+    values: dict[str, float] = {}
+    for key, value in table.items():
+        if key not in accepted:
+            raise InputError(f"unknown key options.initial.{key}{nearest(key, accepted, 'options.initial')}")
+        name, factor = accepted[key]
+        _once(values, name, f"options.initial.{key}")
+        values[name] = number(value, f"options.initial.{key}") * factor
+    return values
+
+
+def _plain(field: dataclasses.Field, value: Any, name: str) -> Any:
+    """An option without a unit: a list of names, a name, or a whole number."""
+    if isinstance(field.default, tuple):
+        if not isinstance(value, list) or not value or not all(isinstance(entry, str) for entry in value):
+            raise InputError(f'{name} must be a list of names, like ["rms:carbody_acceleration"]')
+        return tuple(value)
+    if isinstance(field.default, str):
+        if not isinstance(value, str):
+            raise InputError(f'{name} must be a name, like "{field.default}", not {shown(value)}')
+        return value
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise InputError(f"{name} must be a whole number, not {shown(value)}")
+    return value
+
+
+def _accepted(part: Any) -> dict[str, tuple[dataclasses.Field, float]]:
+    """Every key by which a file may give a number of a dataclass, with the field and the factor to SI."""
+    found = {}
+    for field in dataclasses.fields(part):
+        if not field.metadata.get("static"):
+            unit = field.metadata.get("unit", UNITS.get(field.name, "1"))
+            spelled = unit.replace("/", "_per_").replace(" ", "").replace("^", "")
+            keys = keys_of(field.name, unit) if unit in SUFFIXES else {f"{field.name}_{spelled}": 1.0}
+            found |= {key: (field, factor) for key, factor in keys.items()}
+    return found
+
+
+def _once(values: dict[str, Any], name: str, key: str) -> None:
+    if name in values:
+        raise InputError(f"{key}: {name} is given twice, in two units; keep one")
+
+
+def _numbers(part: Any, table: dict[str, Any], where: str) -> dict[str, float]:
+    """The numbers of a table, in SI, by the fields of a dataclass."""
+    accepted = _accepted(part)
+    values: dict[str, float] = {}
+    for key, value in table.items():
+        if key not in accepted:
+            raise InputError(f"unknown key {where}.{key}{nearest(key, ['kind', *accepted], where)}")
+        field, factor = accepted[key]
+        _once(values, field.name, f"{where}.{key}")
+        values[field.name] = number(value, f"{where}.{key}") * factor
+    return values
+
+
+def _track(table: dict[str, Any]) -> Any:
+    name = _one_of(table, "kind", (*TRACKS, "random"), "track.")
+    if name == "random":
+        return _random_track({key: value for key, value in table.items() if key != "kind"})
+    kind = TRACKS[name]
+    values = _numbers(kind, {key: value for key, value in table.items() if key != "kind"}, "track")
+    for field in dataclasses.fields(kind):
+        if field.name not in values and field.default is dataclasses.MISSING:
+            raise InputError(f"missing key track.{field.name}_m")
+    return kind(**values)
+
+
+def _random_track(table: dict[str, Any]) -> RandomTrack:
+    known = ("spectrum", "seed", "length_m", "amplitude")
+    for key in table:
+        if key not in known:
+            raise InputError(f"unknown key track.{key}{nearest(key, known, 'track')}")
+    named = {"spectrum": table.get("spectrum", "erri-high"), "seed": table.get("seed", 0)}
+    for key, kind in (("spectrum", str), ("seed", int)):
+        if not isinstance(named[key], kind) or isinstance(named[key], bool):
+            raise InputError(f"track.{key} must be a {'name' if kind is str else 'whole number'}, not {shown(named[key])}")
+    keys = {"length_m": "length", "amplitude": "amplitude"}
+    numbers: dict[str, Any] = {keys[key]: number(table[key], f"track.{key}") for key in keys if key in table}
+    try:
+        return RandomTrack(**named, **numbers)
+    except InputError as error:
+        raise InputError(f"track: {error}") from None
+
+
+def _damper(table: dict[str, Any], vehicle: Vehicle, speed: float | None) -> Any:
+    kind = _one_of(table, "kind", DAMPERS, "damper.")
+    if kind == "clipped-lqr" and speed is None:
+        raise InputError("damper.kind clipped-lqr is designed at a speed: give speed_kmh")
+    damper: Any = make_damper(kind, vehicle, 1.0 if speed is None else speed, None)
+    rest = {key: value for key, value in table.items() if key not in ("kind", "law")}
+    values: dict[str, Any] = dict(_numbers(damper, rest, "damper"))
+    if "law" in table:
+        if "law" not in {f.name for f in dataclasses.fields(damper)}:
+            raise InputError(f"damper.law: {kind} has only one")
+        values["law"] = _one_of(table, "law", ("sharp", "smooth"), "damper.")
+    return dataclasses.replace(damper, **values)
+
+
+def _over(table: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
+    if not table:
+        raise InputError('missing table [over], like "primary.stiffness_x_MN_per_m" = { from = 2, to = 5, points = 7 }')
+    over: dict[str, Any] = {}
+    for key, value in _flat(table):
+        name, factor = _parameter(key, found)
+        _once(over, name, f"over.{key}")
+        over[name] = _values(value, factor, found["design"], f"over.{key}")
+    return over
+
+
+def _flat(table: dict[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Keys with dots, quoted or not: primary.stiffness_x_MN_per_m is a table in a table to TOML."""
+    for key, value in table.items():
+        if isinstance(value, dict) and not any(name in value for name in RANGE):
+            yield from _flat(value, f"{above}{key}.")
+        else:
+            yield above + key, value
+
+
+def _parameter(key: str, found: dict[str, Any]) -> tuple[str, float]:
+    """Name of a parameter, and factor to SI, from a key with its unit."""
+    if key in SPEEDS:
+        return "speed", SPEEDS[key]
+    *path, last = key.split(".")
+    part: Any = PARTS.get(path[0]) if path else None
+    if path and path[0] in ("track", "damper"):
+        if path[0] not in found:
+            raise InputError(f"over.{key}: the file has no [{path[0]}]")
+        part = found[path[0]]
+    for step in path[1:]:
+        part = getattr(part, step, None)
+    if not dataclasses.is_dataclass(part):
+        examples = [*SPEEDS, *(f"{name}.{k}" for name, kind in PARTS.items() for k in _accepted(kind))]
+        raise InputError(f"unknown parameter over.{key}{nearest(key, examples)}")
+    accepted = _accepted(part)
+    if last not in accepted:
+        raise InputError(f"unknown parameter over.{key}{nearest(last, accepted, '.'.join(path))}")
+    field, factor = accepted[last]
+    return ".".join([*path, field.name]), factor
+
+
+def _values(value: Any, factor: float, design: str, name: str) -> Any:
+    """Values, or the ends of a range, in SI."""
+    sampled = design in SAMPLED
+    if isinstance(value, list) and value and not sampled:
+        return np.array([number(entry, name) for entry in value]) * factor
+    needed = ("from", "to") if sampled else ("from", "to", "points")
+    if not isinstance(value, dict) or any(key not in value for key in needed):
+        if sampled:
+            raise InputError(f"{name}: a {design} design needs {{ from = ..., to = ... }}")
+        raise InputError(f"{name} must be a list of numbers or {{ from = ..., to = ..., points = ... }}, not {shown(value)}")
+    for key in value:
+        if key not in (*needed, "scale"):
+            raise InputError(f"unknown key {name}.{key}{nearest(key, [*needed, 'scale'])}")
+    low, high = (number(value[key], f"{name}.{key}") * factor for key in ("from", "to"))
+    scale = _one_of(value, "scale", SCALES, f"{name}.") if "scale" in value else "linear"
+    if scale == "log" and not min(low, high) > 0:
+        raise InputError(f'{name}: a range of scale = "log" must be positive')
+    if sampled:
+        return (low, high, scale)
+    count = value["points"]
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_POINTS:
+        raise InputError(f"{name}.points must be a whole number from 1 to {MOST_POINTS}, not {shown(count)}")
+    return np.geomspace(low, high, count) if scale == "log" else np.linspace(low, high, count)

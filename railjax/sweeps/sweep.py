@@ -1,0 +1,317 @@
+"""`sweep`: a study over named parameters, chunk by chunk, on all devices or on the workers of an executor.
+
+On a cluster, with dask (extra `cluster`); a worker that dies costs the chunks that it had, which others then compute:
+
+    with dask.distributed.Client(address) as client:
+        railjax.sweep(study, over, ..., out="results.zarr", executor=client.get_executor(), in_flight=2 * workers)
+
+On several hosts, without a scheduler: the same script on each, with a store that all of them see. Each takes its share of the
+chunks; a host that fell out is made good by running the script again, with as many hosts as there are:
+
+    jax.distributed.initialize()                       # finds its place by itself under Slurm, MPI and in the clouds
+    data = railjax.sweep(study, over, ..., out="/shared/results.zarr")
+    jax.experimental.multihost_utils.sync_global_devices("swept")     # before anybody reads the results of all
+
+On the GPUs of one host nothing is to be done: `simulate` and `each_point` shard a chunk over all local devices.
+"""
+
+import concurrent.futures
+import contextlib
+import difflib
+import hashlib
+import logging
+import os
+import platform
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import jax
+
+from ..base.arguments import a_speed
+from ..base.checks import a_function, a_table, guarded
+from ..base.errors import InputError, NumericalError
+from ..base.progress import Clock, Report, bar, stoppable
+from ..base.source import digest_of_source
+from ..model.damper import Damper, check_damper
+from ..model.track.shapes import Track, check_track
+from ..model.vehicle import Vehicle, without_labels
+from ..simulation.speed import Speed
+from .chunks import Computed, Fault, Job, Settings, compute, packed, work
+from .fingerprint import described, lines
+from .names import check_range, owner, unit_of
+from .points import SAMPLED, Blocks, Design, make_design
+from .ready_made import STUDIES, arguments_of
+from .store import SweepStore
+
+if TYPE_CHECKING:
+    import xarray
+
+#: points of a chunk where neither the caller nor the study says how many
+CHUNK = 1024
+#: how often a chunk is given to an executor whose workers die over it
+TRIES = 4
+
+log = logging.getLogger("railjax")
+
+
+@guarded(over=a_table, study=a_function, progress=None, samples=None)
+def sweep(
+    study: Callable[..., Any],
+    over: Mapping[str, Any],
+    *,
+    vehicle: Vehicle | None = None,
+    speed: Speed | None = None,
+    track: Track | None = None,
+    damper: Damper | None = None,
+    design: str = "grid",
+    samples: int | None = None,
+    seed: int = 0,
+    units: Mapping[str, str] | None = None,
+    out: str | os.PathLike | None = None,
+    chunk: int | None = None,
+    executor: Any = None,
+    in_flight: int | None = None,
+    worker_devices: int | None = None,
+    part: tuple[int, int] | None = None,
+    progress: bool | Report = False,
+) -> "xarray.Dataset":
+    """A study at every point of a design, as a labelled dataset with units and a result code per point.
+
+    >>> railjax.sweep(  # doctest: +SKIP
+    ...     railjax.ForcedRun(reduce=("rms:carbody_acceleration",), duration=2.0),
+    ...     over={"speed": np.linspace(40.0, 80.0, 41), "damper.alpha": [0.2, 0.5, 1.0]},
+    ...     vehicle=coach, damper=railjax.BalanceLogic(), track=railjax.SinusoidTrack(5e-3, 20.0), out="results.zarr",
+    ... )
+
+    The study. A function of any of `vehicle`, `speed`, `track` and `damper`, which it gets by name, as it takes them; what varies
+    in them is an array with one value per point of a chunk (lanes). `simulate`, `linear_critical` and the like take lanes, so
+
+        def study(vehicle, speed):
+            return railjax.simulate(vehicle, speed, track=track, record=(), reduce=["peak:guiding_force"])
+
+    is one. It returns a dictionary (or named tuple) of arrays with the points on the last axis, an optional "code" (0: ok) among
+    them, or a `Simulation`, of which the reductions are kept. What is written for one point is wrapped in `each_point`.
+    Ready-made: `ForcedRun`, `CriticalSpeed`, `NonlinearCriticalSpeed`, `LeastDamping`. As these, a study may have attributes
+    `units` and `dims` (of the axes before the points) by result, `codes` (an `IntEnum`) and `chunk`.
+
+    The points. `over` names parameters: "speed" (m/s), "primary.stiffness_x" (of the vehicle), "track.amplitude", "damper.alpha", or an
+    argument of the study's own; values in SI. `design`, `samples` and `seed` as in `make_design`: a "grid" of {name: values}
+    (default; one dimension per parameter), "points" of {name: column}, "latin-hypercube" or "sobol" of {name: (low, high)}.
+
+    Results. In memory, or with `out` in a Zarr store, written chunk by chunk (`chunk` points each, at most) and returned lazily
+    opened: memory does not grow with the study. Stopped at any moment, the same call goes on where it was, to the same bits; a
+    store of another study (or release of railjax or JAX) is refused. `units` of the results of a function of one's own.
+    Variable "code", with its meaning in the attributes: 0 ok, above it the study's own, below it: -1 the study raised an error at
+    this point (logged, results NaN), -2 a result is NaN, -3 not yet computed.
+
+    Where. On all local devices (`use_all_cores`); or on the workers of an `executor`, anything with the `submit` of
+    concurrent.futures (dask: `client.get_executor()`), with at most `in_flight` chunks at a time (default: two per worker or core) and
+    `worker_devices` CPU devices each (default: as many as here). After `jax.distributed.initialize`, or with `part=(k, n)`, this
+    process takes the k-th of n shares of the chunks, and all write to one store. `progress`: True for a bar, or a function of a
+    `Progress`.
+
+    Raises `InputError` for anything that cannot be swept, and what the study raises at every point tried of the first chunk.
+    """
+    points = make_design(over, design, samples, seed)
+    given = {"vehicle": vehicle, "speed": speed, "track": track, "damper": damper}
+    given = {name: value for name, value in given.items() if value is not None}
+    _check(study, given, points)
+    largest = getattr(study, "chunk", CHUNK) if chunk is None else chunk
+    if not isinstance(largest, int) or largest < 1:
+        raise InputError(f"chunk must be a number of points, at least 1, not {largest!r}")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise InputError("executor must have a submit method, as a ProcessPoolExecutor or dask's client.get_executor()")
+    if in_flight is not None and not in_flight >= 1:
+        raise InputError(f"in_flight must be a number of chunks, at least 1, not {in_flight}")
+    share, shares = _part(part, out)
+    blocks = Blocks(points, largest)
+    if shares > blocks.count:
+        raise InputError(f"{shares} processes share {blocks.count} chunk(s), so some have nothing to do: give a smaller chunk")
+    named = {**getattr(study, "units", {}), **(units or {})}
+    parameter_units = {name: named.get(name) or unit_of(given, name) for name in points.names}
+    attributes = _attributes(study, given, points, samples, seed)
+    fingerprint = _fingerprint(study, given, blocks, named)
+    job = Job(study, given, blocks.lanes, named)
+    with contextlib.ExitStack() as stack:
+        stop = stack.enter_context(stoppable("stopping after this chunk; Ctrl-C again stops at once"))
+        store = SweepStore(out, blocks, parameter_units, attributes, fingerprint)
+        done = store.done()
+        ours = range(share, blocks.count, shares)
+        todo = [index for index in ours if not done[index]]
+        if executor is None:
+            results = _here(job, blocks, todo, store)
+        else:
+            devices = jax.config.jax_num_cpu_devices if worker_devices is None else worker_devices
+            settings = Settings(bool(jax.config.jax_enable_x64), devices)
+            results = _there(executor, job, settings, blocks, todo, store, in_flight)
+        stack.enter_context(contextlib.closing(results))
+        clock = Clock(sum(blocks.size(k) for k in ours if done[k]), sum(blocks.size(k) for k in ours))
+        report = progress if callable(progress) else stack.enter_context(bar(bool(progress), "sweep"))
+        try:
+            for index, computed in results:
+                _log_errors(blocks, index, computed)
+                store.write(index, computed)
+                report(clock.advance(len(computed.code)))
+                if stop() and clock.done < clock.total:
+                    raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            kept = f"{clock.done} of {clock.total} points are in {out}; the same again goes on from there"
+            raise KeyboardInterrupt(f"stopped: {kept if out else 'nothing is kept without out='}") from None
+        return store.dataset()
+
+
+def _check(study: Callable[..., Any], given: dict[str, Any], design: Design) -> None:
+    """Refuse a study that is none, arguments that it does not take or lacks, and names and values that cannot be."""
+    if isinstance(study, type) or not callable(study):
+        known = ", ".join(kind.__name__ for kind in STUDIES.values())
+        raise InputError(f"study must be a function or an object like {known} with its options, as in CriticalSpeed()")
+    if not isinstance(given.get("vehicle"), Vehicle | None):
+        raise InputError('vehicle must be a Vehicle: railjax.load_vehicle("coach") makes one')
+    arguments = arguments_of(study)
+    name_of_study = getattr(study, "__name__", type(study).__name__)
+    for name in given:
+        if name not in arguments:
+            raise InputError(f"{name}= is given, but the study {name_of_study} takes no {name}")
+    if "speed" in given:
+        a_speed("speed", given["speed"])
+    if "track" in given:
+        check_track(given["track"])
+    if "damper" in given:
+        check_damper(given["damper"])
+    for name, column in zip(design.names, design.columns, strict=True):
+        whose = owner(name)
+        if whose is None and name not in arguments:
+            near = difflib.get_close_matches(name, [*arguments, "speed"], n=1, cutoff=0.0)[0]
+            raise InputError(
+                f"over {name!r}: neither speed, a parameter like primary.stiffness_x, track.amplitude or damper.alpha, nor an "
+                f"argument of the study; the nearest is {near!r}"
+            )
+        if whose is not None and whose not in arguments:
+            raise InputError(f"over {name!r}: the study {name_of_study} takes no {whose}")
+        if name in given:
+            raise InputError(f"{name} is given by {name}= and varies in over as well; keep one")
+        check_range(given, name, float(column.min()), float(column.max()))
+    for name, optional in arguments.items():
+        if not optional and name not in given and name not in design.names:
+            raise InputError(
+                f"the study {name_of_study} needs {name}: give {name}=" + (" or put it in over" if name == "speed" else "")
+            )
+
+
+def _attributes(study: Any, given: dict[str, Any], design: Design, samples: int | None, seed: int) -> dict[str, Any]:
+    """What a reader of the results must know: study, vehicle and what of it is fitted, everything that was fixed, releases."""
+    from ..base.version import __version__
+
+    found = {"study": described(study), "design": design.kind}
+    if design.kind in SAMPLED:
+        found |= {"samples": samples, "seed": seed}
+    if "vehicle" in given:
+        vehicle = given["vehicle"]
+        found |= {"vehicle": vehicle.name, "note": vehicle.note}
+        for status in ("calibrated", "assumed"):
+            which = [p for p in vehicle.provenance if p.status == status and p.parameter not in design.names]
+            found[status] = "; ".join(f"{p.parameter}: {p.note}" for p in which)
+    found |= {name: described(given[name]) for name in ("speed", "track", "damper") if name in given}
+    devices = jax.local_devices()
+    return found | {
+        "railjax": __version__,
+        "jax": jax.__version__,
+        "double_precision": int(jax.config.jax_enable_x64),
+        "computed_on": f"{len(devices)} {devices[0].device_kind} device(s), {platform.machine()}",
+    }
+
+
+def _fingerprint(study: Any, given: dict[str, Any], blocks: Blocks, units: dict[str, str]) -> dict[str, str]:
+    """Everything that the numbers depend on, line by line."""
+    from ..base.version import __version__
+
+    design = blocks.design
+    found = {"study": described(study), "units": described(units), "design": design.kind}
+    for name, value in given.items():
+        found |= lines(name, without_labels(value) if isinstance(value, Vehicle) else value)
+    found |= {f"over {name}": described(column) for name, column in zip(design.names, design.columns, strict=True)}
+    return found | {
+        "chunk": described(blocks.shape),
+        "double precision": str(bool(jax.config.jax_enable_x64)),
+        "railjax": f"{__version__} ({digest_of_source('cli', 'plots', 'reports')})",
+        "jax": jax.__version__,
+    }
+
+
+def _part(part: tuple[int, int] | None, out: Any) -> tuple[int, int]:
+    """Which share of the chunks is this process's: (0, 1) unless there are several."""
+    share, shares = (jax.process_index(), jax.process_count()) if part is None else part
+    if not (isinstance(share, int) and isinstance(shares, int) and 0 <= share < shares):
+        raise InputError(f"part must be (k, n) with k from 0 to n - 1, not {part}")
+    if shares > 1 and out is None:
+        raise InputError("processes that share a sweep need one store: give out=")
+    return share, shares
+
+
+def _here(job: Job, blocks: Blocks, todo: list[int], store: SweepStore) -> Iterator[tuple[int, Computed]]:
+    for index in todo:
+        yield index, compute(job, blocks.points(index), first=store.group is None)
+
+
+def _there(
+    executor: Any,
+    job: Job,
+    settings: Settings,
+    blocks: Blocks,
+    todo: list[int],
+    store: SweepStore,
+    in_flight: int | None,
+) -> Iterator[tuple[int, Computed]]:
+    """Chunks as they come back; one whose worker died is given out again."""
+    parcel = packed(job)
+    key = hashlib.sha256(parcel).hexdigest()
+    most = in_flight or 2 * (getattr(executor, "_max_workers", None) or os.cpu_count() or 1)
+    waiting: dict[concurrent.futures.Future, int] = {}
+    tries = dict.fromkeys(todo, 0)
+    left = iter(todo)
+
+    def submit(index: int) -> None:
+        tries[index] += 1
+        try:
+            future = executor.submit(work, settings, key, parcel, blocks.points(index), store.group is None)
+        except concurrent.futures.BrokenExecutor as error:
+            raise NumericalError(f"a worker of the executor died ({error}); finished chunks are kept") from None
+        waiting[future] = index
+
+    try:
+        while True:
+            while len(waiting) < most and (index := next(left, None)) is not None:
+                submit(index)
+            if not waiting:
+                return
+            finished, _ = concurrent.futures.wait(waiting, return_when=concurrent.futures.FIRST_COMPLETED)
+            for future in finished:
+                index = waiting.pop(future)
+                try:
+                    found = future.result()
+                except (Exception, concurrent.futures.CancelledError) as error:
+                    if tries[index] >= TRIES:
+                        raise NumericalError(
+                            f"chunk {index} failed {TRIES} times on the executor's workers "
+                            f"({type(error).__name__}: {error}); finished chunks are kept"
+                        ) from None
+                    log.warning("chunk %d is computed again: %s: %s", index, type(error).__name__, error)
+                    submit(index)
+                    continue
+                if isinstance(found, Fault):
+                    if found.of_input:
+                        raise InputError(found.text)
+                    raise NumericalError(f"the study raises an error at every point tried of chunk {index}: {found.text}")
+                yield index, found
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _log_errors(blocks: Blocks, index: int, computed: Computed) -> None:
+    if not computed.errors:
+        return
+    first = min(computed.errors)
+    where = ", ".join(f"{name} = {values[first]:g}" for name, values in blocks.points(index).items())
+    count = len(computed.errors)
+    log.warning("%d point(s) of chunk %d raised an error; the first, at %s: %s", count, index, where, computed.errors[first])

@@ -1,0 +1,267 @@
+"""Objectives and constraints for `railjax.tune`, each with the derivative that suits it.
+
+    comfort, travel, guiding_force    random track: frequency domain (reverse mode); any track in time: forward mode
+    linear_critical_speed, least_damping    eigenvalues, by left and right eigenvectors
+    nonlinear_critical_speed, limit_cycle_amplitude    periodic orbits, by the implicit function
+
+Each is a function that returns a `Quantity`; `quantity >= limit` and `quantity <= limit` (SI) are constraints. A run that hunts is
+never differentiated through time: that is refused, and the message names what to use instead.
+
+>>> from railjax import objectives as aim
+>>> aim.comfort(55.0), aim.linear_critical_speed() >= 72.0, aim.travel(55.0) <= 0.06  # doctest: +SKIP
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base.arguments import SPEED
+from ..base.errors import InputError
+from ..base.typing import Number, Scalar
+from ..base.units import KMH
+from ..dampers.controlled import BalanceLogic
+from ..model.damper import Damper
+from ..model.motion import state_matrix
+from ..model.vehicle import Vehicle, structure
+from ..ride.statistical import EquivalentDamper, memoryless
+from ..ride.weightings import check_weighting
+from ..simulation.channels import CHANNELS, check_channel
+from ..stability import linear_critical as linear
+from ..stability.hunting import limit_cycles
+from ..stability.hunting import nonlinear_critical as critical
+from ..stability.modes import damping_ratios
+from .forced import response_over
+from .quantity import Quantity, kmh, smooth_damper
+
+METHODS = ("auto", "frequency", "statistical", "time")
+#: of a Gaussian signal 99.73 % lie within three standard deviations; EN 14363 judges forces by the 99.85 and 0.15 % percentiles
+PEAK_FACTOR = 3.0
+
+
+def comfort(
+    speeds: Any,
+    track: Any = "erri-high",
+    *,
+    weighting: str | None = "Wd",
+    channel: str = "carbody_acceleration",
+    method: str = "auto",
+    **run: Any,
+) -> Quantity:
+    """Weighted r.m.s. of an acceleration `channel`, m/s^2: the root mean square over all `speeds` (m/s) and tracks, of several places the worst.
+
+    `track` is a spectrum (a name, a table, a formula), a `RandomTrack`, or several of these in a list. `method`: "frequency" (linear; exact and in milliseconds), "statistical"
+    (equivalent creep, flange and balance logic) or "time" (forward mode through a forced run, for any track, which may then be a
+    `SinusoidTrack`; it takes `duration`, `settle` and `dt` in s; refused where the vehicle hunts). "auto" is "time" for tracks
+    that are no random ones, "statistical" for balance logic and laws of your own without memory, else "frequency". `weighting` None is the plain r.m.s.
+    """
+    if weighting is not None:
+        check_weighting(weighting)
+    return _response("comfort", speeds, track, channel, weighting, 1.0, method, run)
+
+
+def travel(
+    speeds: Any,
+    track: Any = "erri-high",
+    *,
+    peak_factor: Scalar = PEAK_FACTOR,
+    method: str = "auto",
+    **run: Any,
+) -> Quantity:
+    """Largest lateral travel of the secondary suspension, m: of all speeds, tracks and bogies the greatest.
+
+    On a random track `peak_factor` times the r.m.s.; with method "time" the peak of the run itself. Otherwise as `comfort`.
+    """
+    return _response("secondary travel", speeds, track, "secondary_travel", None, peak_factor, method, run)
+
+
+def guiding_force(
+    speeds: Any,
+    track: Any = "erri-high",
+    *,
+    peak_factor: Scalar = PEAK_FACTOR,
+    method: str = "auto",
+    **run: Any,
+) -> Quantity:
+    """Largest lateral force of the track on a wheelset (ΣY), N; `speeds` (m/s), `track`, the number `peak_factor` and `method` as in `travel`."""
+    return _response("guiding force", speeds, track, "guiding_force", None, peak_factor, method, run)
+
+
+def _response(
+    label: str, speeds: Any, track: Any, channel: str, weighting: str | None, factor: Scalar, method: str, run: dict[str, Any]
+) -> Quantity:
+    check_channel(channel)
+    if CHANNELS[channel].part not in ("carbody", "floor", "bogie", "wheelset"):
+        raise InputError(f"channel {channel!r} is not one of a vehicle's")
+    if not (np.isfinite(factor) and factor > 0):
+        raise InputError(f"peak_factor must be positive, not {factor}")
+    if method not in METHODS:
+        raise InputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+    return response_over(label, _speeds(speeds), track, channel, weighting, factor, method, run)
+
+
+def _speeds(speeds: Any) -> Float[np.ndarray, "speeds"]:
+    try:
+        found = np.atleast_1d(np.asarray(speeds, float))
+    except (TypeError, ValueError):
+        raise InputError(f"speeds must be numbers in m/s, not {speeds!r}") from None
+    if found.ndim != 1 or found.size == 0:
+        raise InputError(f"speeds must be a number or a list of numbers in m/s, not of shape {found.shape}")
+    SPEED("speeds", found)
+    return found
+
+
+def linear_critical_speed(highest: Scalar = linear.HIGHEST, harmonic_hz: float | None = None) -> Quantity:
+    """Speed (m/s) at which straight running loses its stability; `highest` (m/s) where it is stable up to there.
+
+    Balance logic has no linear law at rest, and its smooth twin's there is an artefact of the rounding. With `harmonic_hz` (the frequency of
+    hunting, Hz) its describing function takes its place, which holds for every amplitude, as the law is homogeneous: for Δy_c = X sin ωt per bogie
+    k = 2 c_min ω/π - α k_cy and c = c_min + 2 α k_cy/(π ω).
+    """
+    if not (np.isfinite(highest) and highest > linear.LOWEST):
+        raise InputError(f"highest must be above {linear.LOWEST:g} m/s, not {highest}")
+    return LinearCriticalSpeed(float(highest), _frequency(harmonic_hz))
+
+
+def nonlinear_critical_speed(steps: int | None = None) -> Quantity:
+    """Lowest speed (m/s) with a limit cycle, the fold; takes about a second where the linear one takes milliseconds.
+
+    `steps` of RK4 in half a period as in `railjax.nonlinear_critical`, the same for all trials; None: 200.
+
+    Controlled dampers have the smooth twin of their law here, which is sharp beside a hunting motion (balance logic's fold lies within
+    1 km/h of where simulations with the sharp law begin to hunt; that of its describing function up to 2.4 km/h too high). They
+    need a least damping: undamped to small motions, the twin is unstable where the controlled vehicle is not.
+    """
+    return NonlinearCriticalSpeed(critical.FEWEST_STEPS if steps is None else int(steps))
+
+
+def _frequency(harmonic_hz: Any) -> float | None:
+    if harmonic_hz is None:
+        return None
+    if not (np.ndim(harmonic_hz) == 0 and np.isfinite(harmonic_hz) and harmonic_hz > 0):
+        raise InputError(f"harmonic_hz must be a positive number, not {harmonic_hz}")
+    return float(harmonic_hz)
+
+
+def describing(damper: Damper, vehicle: Vehicle, harmonic_hz: float | None) -> Damper:
+    """The damper's smooth twin, or the describing function of balance logic at the frequency `harmonic_hz` (Hz). Raises `InputError` for other
+    controlled dampers."""
+    if harmonic_hz is None or not hasattr(damper, "held"):
+        return smooth_damper(damper)
+    if not isinstance(damper, BalanceLogic) or not memoryless(damper) or damper.force_limit is not None:
+        raise InputError("harmonic_hz is for balance logic without lags and limit")
+    elastic, omega, least = damper.alpha * vehicle.secondary.stiffness_y, 2.0 * np.pi * harmonic_hz, damper.damping_min
+    # the least damping acts in the other two quarters of the cycle, where Δy_c and Δy_c' have the same sign
+    return EquivalentDamper(2.0 * least * omega / np.pi - elastic, least + 2.0 * elastic / (np.pi * omega))
+
+
+def least_damping(speed: Scalar) -> Quantity:
+    """Damping ratio of the least damped mode at a speed (m/s), negative where it is unstable."""
+    return LeastDamping(float(_one(speed)))
+
+
+def limit_cycle_amplitude(speed: Scalar, steps: int = critical.FEWEST_STEPS) -> Quantity:
+    """Amplitude (m) of the limit cycle to which the vehicle is drawn from a large disturbance at a speed (m/s), 0 where it comes to rest.
+
+    Of the leading wheelset of the trailing bogie; by implicit differentiation of the orbit at this speed. `steps`: their number in half a period.
+    """
+    return LimitCycleAmplitude(float(_one(speed)), int(steps))
+
+
+def _one(speed: Any) -> float:
+    found = _speeds(speed)
+    if found.size != 1:
+        raise InputError("speed must be a single number in m/s")
+    return float(found[0])
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class LinearCriticalSpeed(Quantity):
+    """See `linear_critical_speed`."""
+
+    highest: float = structure(linear.HIGHEST)
+    harmonic_hz: float | None = structure(None)
+
+    unit: ClassVar[str] = "km/h"
+    factor: ClassVar[float] = KMH
+    greatest: ClassVar[bool] = True
+
+    @property
+    def name(self) -> str:
+        return "linear critical speed"
+
+    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
+        found = linear.linear_critical(vehicle, damper=describing(damper, vehicle, self.harmonic_hz), highest=self.highest)
+        return jnp.where(found.code == linear.Stability.STABLE, self.highest, found.speed)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class NonlinearCriticalSpeed(Quantity):
+    """See `nonlinear_critical_speed`."""
+
+    steps: int = structure(critical.FEWEST_STEPS)
+
+    traced: ClassVar[bool] = False
+    unit: ClassVar[str] = "km/h"
+    factor: ClassVar[float] = KMH
+    greatest: ClassVar[bool] = True
+
+    @property
+    def name(self) -> str:
+        return "nonlinear critical speed"
+
+    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "..."]:
+        found = critical.nonlinear_critical(vehicle, damper=smooth_damper(damper), steps=self.steps)
+        return jnp.where(found.code == critical.Hunting.STABLE, linear.HIGHEST, found.speed)
+
+    each = value
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class LeastDamping(Quantity):
+    """See `least_damping`."""
+
+    speed: Number
+
+    unit: ClassVar[str] = "%"
+    factor: ClassVar[float] = 100.0
+    greatest: ClassVar[bool] = True
+
+    @property
+    def name(self) -> str:
+        return f"least damping at {kmh(self.speed)}"
+
+    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
+        values = jnp.linalg.eigvals(state_matrix(vehicle, self.speed, smooth_damper(damper)))
+        ratio, size = damping_ratios(values), jnp.abs(values)
+        # a rigid-body mode at rest has no damping ratio
+        moving = size > 1e-9 * jnp.max(size)
+        return ratio[jax.lax.stop_gradient(jnp.argmin(jnp.where(moving, ratio, jnp.inf)))]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class LimitCycleAmplitude(Quantity):
+    """See `limit_cycle_amplitude`."""
+
+    speed: Number
+    steps: int = structure(critical.FEWEST_STEPS)
+
+    traced: ClassVar[bool] = False
+    unit: ClassVar[str] = "mm"
+    factor: ClassVar[float] = 1e3
+
+    @property
+    def name(self) -> str:
+        return f"limit-cycle amplitude at {kmh(self.speed)}"
+
+    def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "..."]:
+        return limit_cycles.limit_cycle_amplitude(vehicle, smooth_damper(damper), self.speed, self.steps)
+
+    each = value
