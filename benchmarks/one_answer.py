@@ -60,7 +60,7 @@ def programs() -> dict[str, Call]:
     sys.path.append(str(ROOT / "tests"))
     import laws  # the runs of tests/test_damper_numerics.py, one of which once was off by 2e-7
 
-    from railjax.model.vehicle import without_labels
+    from railjax.model.parameters import without_labels
     from railjax.simulation.simulate import initial_state
 
     coach = railjax.load_vehicle("coach")

@@ -25,9 +25,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import railjax
+from railjax.base.style import COLOURS, figure
 from railjax.model.kinematics import wheelset_positions
 from railjax.model.motion import motion, state_rate
-from railjax.plots.charts import COLOURS, figure
 
 DT = 1e-3  # s
 TRACK = railjax.SinusoidTrack(closed_loop.AMPLITUDE, closed_loop.WAVELENGTH)

@@ -27,17 +27,19 @@ if TYPE_CHECKING:
     from .model.contact.kalker import contact_ellipse, creep_coefficients, kalker_coefficients
     from .model.damper import Damper, MaxwellDamper, PassiveDamper, Seen
     from .model.motion import matrices, state_matrix, track_matrix
+    from .model.parameters import get_parameter, parameters, replace, set_parameter
     from .model.track.measured import MeasuredTrack
     from .model.track.random import RandomTrack
     from .model.track.sampled import spectrum_of
     from .model.track.shapes import BumpTrack, SinusoidTrack, TangentTrack, alignment
     from .model.track.spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
-    from .model.vehicle import BumpStop, LateralDamper, Vehicle, YawDamper, get_parameter, parameters, replace, set_parameter
+    from .model.vehicle import BumpStop, LateralDamper, Vehicle, YawDamper
     from .plots.animation import Film, animate
     from .plots.frames import animation_channels
     from .reports.vehicle.vehicle_report import VehicleReport, vehicle_report
-    from .ride.acceptance.assess import Acceptance, acceptance, acceptance_of_record
+    from .ride.acceptance.assess import acceptance, acceptance_of_record
     from .ride.acceptance.record import RunningRecord, acceptance_channels
+    from .ride.acceptance.result import Acceptance
     from .ride.comfort import comfort, floor_acceleration
     from .ride.comfort_result import Comfort
     from .ride.frequency import FrequencyResponse, frequency_response
@@ -194,8 +196,9 @@ __all__ = [
 
 #: the imports above, as they are made
 _NAMES = {
-    "ride.acceptance.assess": "Acceptance acceptance acceptance_of_record",
+    "ride.acceptance.assess": "acceptance acceptance_of_record",
     "ride.acceptance.record": "RunningRecord acceptance_channels",
+    "ride.acceptance.result": "Acceptance",
     "plots.animation": "Film animate",
     "dampers.bouc_wen": "BoucWen",
     "tuning.calibrate": "Calibration calibrate",
@@ -239,7 +242,8 @@ _NAMES = {
     "model.track.shapes": "BumpTrack SinusoidTrack TangentTrack alignment",
     "tuning.tune": "tune",
     "tuning.result": "Tuning",
-    "model.vehicle": "BumpStop LateralDamper Vehicle YawDamper get_parameter parameters replace set_parameter",
+    "model.parameters": "get_parameter parameters replace set_parameter",
+    "model.vehicle": "BumpStop LateralDamper Vehicle YawDamper",
     "vehicles.check": "VehicleCheck check_vehicle",
     "vehicles.files": "load_vehicle packaged_vehicles",
     "reports.vehicle.vehicle_report": "VehicleReport vehicle_report",

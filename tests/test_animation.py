@@ -10,9 +10,9 @@ from chromium import looked_at, needs_chromium
 from PIL import Image
 
 import railjax
+from railjax.base.style import figure
 from railjax.cli.application import status
 from railjax.plots.animation import Stage
-from railjax.plots.charts import figure
 from railjax.plots.frames import MODE_AMPLITUDE, PERIOD_FRAMES, largest_displacement, of_limit_cycle, of_mode, of_simulation
 from railjax.plots.top_view import TopView, magnification
 

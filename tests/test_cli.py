@@ -329,7 +329,7 @@ def test_a_damper_needs_a_secondary_suspension(run):
 
 
 def test_every_damper_of_the_command_line_can_be_made(coach):
-    from railjax.cli.inputs import DAMPERS, make_damper
+    from railjax.dampers.named import DAMPERS, make_damper
     from railjax.model.damper import Damper
 
     for name in DAMPERS:

@@ -11,7 +11,7 @@ import pytest
 from laws import ALL, CONTROLLED, MR, K, with_law
 
 import railjax
-from railjax.model.vehicle import without_labels
+from railjax.model.parameters import without_labels
 from railjax.simulation.simulate import initial_state
 
 START = {"wheelset_y": [6e-3, 5e-3, -4e-3, 3e-3], "bogie_psi": [1e-3, -1e-3], "carbody_y": 5e-3}

@@ -281,7 +281,7 @@ def test_bad_requests_are_one_line(coach, branch):
 
 
 def test_diagram_and_dataset(branch, tmp_path):
-    from railjax.plots.charts import figure
+    from railjax.base.style import figure
 
     data = branch.to_xarray()
     assert data.sizes["point"] == len(branch.points)

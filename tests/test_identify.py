@@ -89,7 +89,7 @@ def test_correlations_are_those_of_a_covariance(found):
 
 
 def test_prints_and_draws_itself(found):
-    from railjax.plots.charts import figure
+    from railjax.base.style import figure
 
     text = str(found)
     assert "fitted to this record (synthetic): fitted, not predicted" in text

@@ -9,7 +9,7 @@ import pytest
 
 import railjax
 from railjax.base.source import PACKAGE, digest_of_source
-from railjax.plots.charts import figure
+from railjax.base.style import figure
 from railjax.reports.paper import reproduce as frame
 from railjax.reports.paper.page import render
 from railjax.reports.paper.study import Outcome, Picture, Quantity, Statement, Study

@@ -9,7 +9,7 @@ from chromium import looked_at, needs_chromium, well_made
 
 import railjax
 from railjax.cli.application import status
-from railjax.model.vehicle import parameters
+from railjax.model.parameters import parameters
 from railjax.reports.paper.page import render
 from railjax.reports.vehicle.page import Section, bullets, figure, page, paragraph, table
 from railjax.reports.vehicle.sections import ride as report_ride

@@ -1,10 +1,17 @@
-"""The arguments of public functions by their names: what they may be (`checks`)."""
+"""The arguments of public functions by their names: what they may be (`checks`), and `guarded`, which refuses the rest.
 
-from typing import Any
+What a vehicle, a damper or a track may be is said where it is defined, which adds its name here.
+"""
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
 
 from .checks import (
     FLAG,
-    Kind,
     Range,
     Rising,
     Rule,
@@ -17,70 +24,14 @@ from .checks import (
     positive,
     shown,
     some_names,
+    traced,
     whole,
 )
 from .errors import InputError
 
+F = TypeVar("F", bound=Callable[..., Any])
+
 SPEED = positive("m/s", axes=1, why=": creepage is a ratio to the speed")
-
-
-def a_vehicle(key: str, value: Any) -> None:
-    """A vehicle whose numbers have the sign that they must have; lanes of NaN pass, and are marked in results."""
-    from ..model.vehicle import Vehicle
-    from ..vehicles.values import check_values
-
-    if not isinstance(value, Vehicle):
-        raise InputError(f"{key} must be a vehicle, as railjax.load_vehicle gives it, not {shown(value)}")
-    check_values(value)
-
-
-def a_damper(key: str, value: Any) -> None:
-    """A law in place of rho_cy."""
-    from ..model.damper import check_damper
-
-    check_damper(value)
-
-
-def a_track(key: str, value: Any) -> None:
-    """A track with an alignment, no spectrum."""
-    from ..model.track.shapes import Track, check_track
-
-    if isinstance(value, type) or not isinstance(value, Track):
-        hint = f"; write railjax.RandomTrack({value!r}) for a spectrum" if isinstance(value, str) else ""
-        raise InputError(f"{key} must be a track, like railjax.SinusoidTrack(5e-3, 20.0), not {shown(value)}{hint}")
-    check_track(value)
-
-
-def an_excitation(key: str, value: Any) -> None:
-    """A spectrum, a realisation of one, or waves."""
-    from ..model.track.sampled import SampledTrack
-    from ..model.track.shapes import check_track
-    from ..model.track.spectra import spectrum
-    from ..ride.frequency import Excitation
-
-    if isinstance(value, SampledTrack):
-        check_track(value)
-    elif not isinstance(value, Excitation):
-        spectrum(value)
-
-
-def a_speed(key: str, value: Any) -> None:
-    """A number, one per lane, or a profile over time."""
-    from ..simulation.speed import SpeedProfile, in_order
-
-    if isinstance(value, SpeedProfile):
-        in_order(key, value)
-    else:
-        SPEED(key, value)
-
-
-def an_acceleration(key: str, value: Any) -> None:
-    """A simulation, records by direction, or one record."""
-    from ..simulation.result import Simulation
-
-    if not isinstance(value, Simulation):
-        for direction, record in value.items() if hasattr(value, "items") else [(key, value)]:
-            Samples("m/s²")(direction, record)
 
 
 def a_state(key: str, value: Any) -> None:
@@ -93,21 +44,8 @@ ONE_SPEED = SPEED._replace(axes=0)
 
 #: name -> rule; functions say where they mean something else by a name
 ARGUMENTS: dict[str, Rule] = {
-    # things
-    "vehicle": a_vehicle,
-    "damper": a_damper,
-    "track": a_track,
-    "run": Kind("simulation.result.Simulation", "what railjax.simulate returns"),
-    "response": Kind("ride.frequency.FrequencyResponse", "what railjax.frequency_response returns"),
-    "motion": Kind(
-        "simulation.result.Simulation stability.hunting.limit_cycles.LimitCycle stability.modes.Modes",
-        "a Simulation, a LimitCycle of hunting_branch or Modes",
-    ),
-    "hopf": Kind("stability.linear_critical.LinearCritical", "what railjax.linear_critical returns"),
-    "quantity": Kind("tuning.quantity.Quantity", "one of railjax.objectives"),
-    "scatter": Kind("tuning.robust.Scatter", "a railjax.Scatter"),
     # speeds, times, numbers
-    "speed": a_speed,
+    "speed": SPEED,
     "speeds": Rising(SPEED, 1),
     "lowest": ONE_SPEED,
     "highest": ONE_SPEED,
@@ -190,3 +128,37 @@ ARGUMENTS: dict[str, Rule] = {
     "slow": positive(),
     "magnified": positive(),
 }
+
+
+def _in_order(low: str, high: str, first: Any, second: Any) -> None:
+    if not traced((first, second)) and not np.all(np.asarray(first, float) < np.asarray(second, float)):
+        raise InputError(f"{low} must be below {high}, not {shown(first)} and {shown(second)}")
+
+
+def guarded(*between: tuple[str, str], **own: Rule | None) -> Callable[[F], F]:
+    """A function whose arguments are checked by the rules of their names (`ARGUMENTS`), or by its `own`; each pair of
+    names `between` must be in that order. A default passes, and what has the rule None, which the function checks itself."""
+
+    def decorate(function: F) -> F:
+        given = inspect.signature(function).parameters
+        rules = {name: own.get(name, ARGUMENTS.get(name)) for name in given}
+        defaults = {name: parameter.default for name, parameter in given.items()}
+        by_place = [name for name, parameter in given.items() if parameter.kind is parameter.POSITIONAL_OR_KEYWORD]
+
+        @functools.wraps(function)
+        def refusing(*arguments: Any, **named: Any) -> Any:
+            placed = dict(zip(by_place, arguments, strict=False)) if arguments else {}
+            for key, value in (placed | named).items():
+                rule = rules.get(key)
+                if rule is not None and value is not defaults[key]:
+                    rule(key, value)
+            for low, high in between:
+                ends = [placed.get(end, named.get(end, defaults[end])) for end in (low, high)]
+                if not any(end is None or end is inspect.Parameter.empty for end in ends):
+                    _in_order(low, high, *ends)
+            return function(*arguments, **named)
+
+        refusing.rules = rules  # type: ignore[attr-defined]
+        return refusing  # type: ignore[return-value]
+
+    return decorate

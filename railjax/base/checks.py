@@ -1,23 +1,19 @@
-"""What the arguments of public functions may be, declared once by their names; `guarded` refuses the rest before anything is computed.
+"""What the arguments of public functions may be, declared once by their names; `arguments.guarded` refuses the rest before anything is computed.
 
 Only what is known when the function is called: tracers pass, and so does what JAX puts in place of numbers where it rebuilds pytrees
 (gradients, axes), which is why the constructors of vehicles, dampers and tracks take anything and the functions that use them refuse.
 """
 
-import functools
-import importlib
-import inspect
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from .errors import InputError
 
-F = TypeVar("F", bound=Callable[..., Any])
 #: (the argument's name, its value): raises `InputError`
 Rule = Callable[[str, Any], None]
 
@@ -112,21 +108,15 @@ def whole(low: int, high: float | int = math.inf) -> Range:
 
 
 class Kind(NamedTuple):
-    """Objects of classes of railjax, "package.module.Class" each; `hint` says where they come from."""
+    """Objects of a class (or of one of several); `hint` says where they come from."""
 
-    paths: str
+    classes: type | tuple[type, ...]
     hint: str
 
     def __call__(self, key: str, value: Any) -> None:
         """Refuse anything else."""
-        if isinstance(value, type) or not any(isinstance(value, _class_of(one)) for one in self.paths.split()):
+        if isinstance(value, type) or not isinstance(value, self.classes):
             raise InputError(f"{key} must be {self.hint}, not {shown(value)}")
-
-
-@functools.cache
-def _class_of(path: str) -> type:
-    module, _, name = path.rpartition(".")
-    return getattr(importlib.import_module(f"railjax.{module}"), name)
 
 
 class OneOf(NamedTuple):
@@ -211,39 +201,3 @@ class Rising(NamedTuple):
         if array.ndim != 1 or not self.fewest <= array.size <= self.most or not np.all(np.diff(array) > 0.0):
             many = "" if self.fewest == 1 else f"{'' if self.fewest == self.most else 'at least '}{self.fewest} "
             raise InputError(f"{key} must be {many}numbers in rising order, not {shown(value)}")
-
-
-def _in_order(low: str, high: str, first: Any, second: Any) -> None:
-    if not traced((first, second)) and not np.all(np.asarray(first, float) < np.asarray(second, float)):
-        raise InputError(f"{low} must be below {high}, not {shown(first)} and {shown(second)}")
-
-
-def guarded(*between: tuple[str, str], **own: Rule | None) -> Callable[[F], F]:
-    """A function whose arguments are checked by the rules of their names (`arguments.ARGUMENTS`), or by its `own`; each pair of
-    names `between` must be in that order. A default passes, and what has the rule None, which the function checks itself."""
-
-    def decorate(function: F) -> F:
-        from .arguments import ARGUMENTS
-
-        given = inspect.signature(function).parameters
-        rules = {name: own.get(name, ARGUMENTS.get(name)) for name in given}
-        defaults = {name: parameter.default for name, parameter in given.items()}
-        by_place = [name for name, parameter in given.items() if parameter.kind is parameter.POSITIONAL_OR_KEYWORD]
-
-        @functools.wraps(function)
-        def refusing(*arguments: Any, **named: Any) -> Any:
-            placed = dict(zip(by_place, arguments, strict=False)) if arguments else {}
-            for key, value in (placed | named).items():
-                rule = rules.get(key)
-                if rule is not None and value is not defaults[key]:
-                    rule(key, value)
-            for low, high in between:
-                ends = [placed.get(end, named.get(end, defaults[end])) for end in (low, high)]
-                if not any(end is None or end is inspect.Parameter.empty for end in ends):
-                    _in_order(low, high, *ends)
-            return function(*arguments, **named)
-
-        refusing.rules = rules  # type: ignore[attr-defined]
-        return refusing  # type: ignore[return-value]
-
-    return decorate

@@ -27,7 +27,8 @@ import jax
 import jax.numpy as jnp
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from .checks import guarded, traced
+from .arguments import guarded
+from .checks import traced
 
 F = TypeVar("F", bound=Callable[..., Any])
 

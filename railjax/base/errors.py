@@ -1,7 +1,8 @@
 """The two ways in which a call can fail, told apart because their cure differs."""
 
 import contextlib
-from collections.abc import Iterator
+import difflib
+from collections.abc import Iterable, Iterator
 
 
 class InputError(ValueError):
@@ -26,3 +27,9 @@ def collecting(faults: list[str]) -> Iterator[None]:
         yield
     except InputError as error:
         faults += error.messages
+
+
+def nearest(key: str, known: Iterable[str], part: str = "") -> str:
+    """The known key most like an unknown one, as the end of a message."""
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)[0]
+    return f"; did you mean {part + '.' if part else ''}{near}?"

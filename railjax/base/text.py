@@ -1,11 +1,10 @@
-"""Results that print themselves: one line per quantity, in the units of a workshop drawing."""
+"""Numbers as text: in reports, in JSON, and as the lines of a result that prints itself, in the units of a workshop drawing."""
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
-
-from ..reports.paper.page import number
 
 #: SI unit -> what is printed, and its factor
 PRINTED: dict[str, tuple[str, float]] = {
@@ -16,6 +15,22 @@ PRINTED: dict[str, tuple[str, float]] = {
     "Pa": ("kPa", 1e-3),
     "A/m": ("kA/m", 1e-3),
 }
+
+
+def number(value: float | None) -> str:
+    """As the report prints it: six digits, a dash where there is none."""
+    if value is None:
+        return "-"
+    return f"{value:.6g}"
+
+
+def without_nan(content: Any) -> Any:
+    """The content with None for NaN and infinities, which JSON cannot hold."""
+    if isinstance(content, dict):
+        return {key: without_nan(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [without_nan(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def described(part: Any) -> str:

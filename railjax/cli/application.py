@@ -117,7 +117,7 @@ def reproduce(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from ..reports.paper.page import number
+    from ..base.text import number
     from ..reports.paper.reproduce import reproduce as run
 
     prepare()

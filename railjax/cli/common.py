@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from ..base.errors import InputError
-from .inputs import DAMPERS, WITH_ALPHA
+from ..dampers.named import DAMPERS, WITH_ALPHA
 from .out import JSON, Writer, write_out
 
 
@@ -87,7 +87,7 @@ def show(
     content: dict[str, Any], lines: list[str], as_json: bool, out: Path | None = None, forms: Mapping[str, Writer] | None = None
 ) -> None:
     """Print the content as one JSON object, or the lines; write it to the file of `--out`, too, in one of the forms or as that object."""
-    from ..reports.paper.page import without_nan
+    from ..base.text import without_nan
 
     def text() -> str:
         return json.dumps(without_nan(content), allow_nan=False)

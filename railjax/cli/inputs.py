@@ -1,6 +1,5 @@
-"""The dampers and tracks that the command line knows by name."""
+"""Dampers and tracks of the command line's options."""
 
-import difflib
 from typing import TYPE_CHECKING, Any
 
 from ..base.errors import InputError
@@ -10,48 +9,17 @@ if TYPE_CHECKING:
     from ..model.track.shapes import Track
     from ..model.vehicle import Vehicle
 
-DAMPERS = (
-    "passive",
-    "passive-soft",
-    "passive-hard",
-    "balance-logic",
-    "bouc-wen",
-    "hybrid",
-    "skyhook",
-    "skyhook-continuous",
-    "add",
-    "mixed-sh-add",
-    "clipped-lqr",
-)
-WITH_ALPHA = ("balance-logic", "hybrid")
 
+def chosen_damper(name: str, vehicle: "Vehicle", speed: float, alpha: float | None) -> "Damper":
+    """The damper of --damper and --alpha, for a vehicle at a speed (m/s)."""
+    from ..dampers.named import make_damper
 
-def make_damper(name: str, vehicle: "Vehicle", speed: float, alpha: float | None) -> "Damper":
-    """The damper of that name, for a vehicle at a speed (m/s); `alpha` of those that have it. Raises `InputError`."""
-    from .. import ADD, BalanceLogic, BoucWenDamper, ClippedLQR, HybridDamper, MixedSkyhookADD, PassiveDamper, Skyhook
-    from ..model.damper import HARD
-
-    if name not in DAMPERS:
-        near = difflib.get_close_matches(name, DAMPERS, n=1, cutoff=0.0)[0]
-        raise InputError(f"--damper {name!r} is not known; did you mean {near}?")
-    if name != "passive" and vehicle.bogie.held:
-        raise InputError(f"--damper {name}: this vehicle has no secondary suspension")
-    if alpha is not None and name not in WITH_ALPHA:
-        raise InputError(f"--alpha is for {' and '.join(WITH_ALPHA)}, not for {name}")
-    gain = {} if alpha is None else {"alpha": alpha}
-    return {
-        "passive": PassiveDamper,
-        "passive-soft": PassiveDamper.soft,
-        "passive-hard": PassiveDamper.hard,
-        "balance-logic": lambda: BalanceLogic(**gain),
-        "bouc-wen": BoucWenDamper,
-        "hybrid": lambda: HybridDamper(**gain),
-        "skyhook": Skyhook,
-        "skyhook-continuous": lambda: Skyhook(damping=HARD),
-        "add": ADD,
-        "mixed-sh-add": MixedSkyhookADD,
-        "clipped-lqr": lambda: ClippedLQR.design(vehicle, speed),
-    }[name]()
+    try:
+        return make_damper(name, vehicle, speed, alpha)
+    except InputError as error:
+        if str(error).startswith(("damper", "alpha")):  # the names of options
+            raise InputError(f"--{error}") from None
+        raise
 
 
 def make_track(

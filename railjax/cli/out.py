@@ -56,7 +56,7 @@ def as_picture(draw: Callable[[Any], Any], **shape: Any) -> dict[str, Writer]:
     """What `draw` draws into the axes (rows, columns) of a `plots.figure` of this shape."""
 
     def write(out: Path) -> None:
-        from ..plots.charts import figure
+        from ..base.style import figure
 
         with figure(**shape) as (page, axes):
             draw(axes)

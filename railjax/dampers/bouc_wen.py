@@ -18,8 +18,8 @@ from jaxtyping import Array, Float, Int
 
 from ..base import smooth
 from ..base.errors import InputError
+from ..base.fields import optional, quantity, structure
 from ..base.typing import Number, Scalar
-from ..model.vehicle import optional, quantity, structure
 from . import power_loop
 
 Values = Float[Array, "..."]

@@ -13,9 +13,10 @@ import jax
 import jax.numpy as jnp
 
 from ..base import smooth
+from ..base.fields import structure
 from ..base.typing import Number, Scalar
 from ..model.damper import Bogies, PassiveDamper, Seen
-from ..model.vehicle import Vehicle, structure
+from ..model.vehicle import Vehicle
 from . import bouc_wen
 from .bouc_wen import BoucWen
 from .hardware.hydraulics import HydraulicDamper, Pilot, active_area, damping_force, mr_force_for

@@ -27,14 +27,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base import smooth
-from ..base.checks import from_zero, guarded, positive
+from ..base.arguments import guarded
+from ..base.checks import from_zero, positive
 from ..base.errors import InputError
+from ..base.fields import structure
 from ..base.precision import require_double_precision
 from ..base.typing import Number, Scalar
 from ..model.damper import HARD, SOFT, Bogies, PassiveDamper, Seen
 from ..model.kinematics import join, of_carbody, size
 from ..model.motion import state_matrix
-from ..model.vehicle import Vehicle, structure
+from ..model.vehicle import Vehicle
 from .sampling import sampled
 
 #: m; how far a secondary suspension goes (bump stops come at 25 to 65 mm), for bounds on rates

@@ -28,12 +28,14 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.arguments import ARGUMENTS
 from ..base.checks import shown, traced
 from ..base.errors import InputError
+from ..base.fields import structure
 from ..base.typing import Number
 from .kinematics import Groups
 from .suspension import blow_off_force, yaw_damper_force
-from .vehicle import Vehicle, YawDamper, structure
+from .vehicle import Vehicle, YawDamper
 
 Bogies = Float[Array, "..."]
 
@@ -128,6 +130,9 @@ def check_damper(damper: object) -> None:
     fault = damper.fault() if hasattr(damper, "fault") and not traced(damper) else None
     if fault:
         raise InputError(f"damper: {fault}")
+
+
+ARGUMENTS["damper"] = lambda key, value: check_damper(value)
 
 
 @jax.tree_util.register_dataclass

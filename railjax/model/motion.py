@@ -13,14 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..base.checks import guarded
+from ..base.arguments import guarded
 from ..base.compilation import fence, one_kernel
+from ..base.packing import Packed
 from ..base.typing import Scalar
 from .contact.creep import ContactForce, Creepage, contact_force, creepages
 from .damper import Damper, PassiveDamper, Seen, law_of
 from .kinematics import Groups, damper_point, deflections, join, size, split, transposed
+from .parameters import without_labels
 from .suspension import bump_stop_force, yaw_damper_force, yaw_damper_states
-from .vehicle import Packed, Vehicle, without_labels
+from .vehicle import Vehicle
 
 #: F_d of eq. (1): the vehicle's own rho_cy
 PASSIVE = PassiveDamper()

@@ -2,50 +2,19 @@
 
 Every number is a leaf: a float, or an array with one value per lane of a batch (trailing axis). Structure (how many
 bogies and axles, which bodies are held, which laws act) is static. Nothing is validated here, because JAX rebuilds
-pytrees with tracers and placeholders; `vehicle_files` validates at the file's boundary, `arguments` where a vehicle is used.
+pytrees with tracers and placeholders; `vehicles.files` validates at the file's boundary, `consistency` where a vehicle is used.
 
 Springs and dampers are per side: a bogie has two secondary corners, a wheelset two axle boxes.
 """
 
 import dataclasses
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, get_args
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 
-from ..base.checks import Kind, a_name, guarded
-from ..base.errors import InputError
+from ..base.fields import optional, quantity, structure, table
 from ..base.typing import Number
-
-
-def quantity(
-    unit: str, symbol: str, meaning: str, default: float | None = None, positive: bool = False, signed: bool = False
-) -> Any:
-    """A dataclass field that is a differentiable leaf; its metadata feed the file reader, messages, checks and charts. Neither `positive`
-    nor `signed`: 0 or positive."""
-    metadata = {"unit": unit, "symbol": symbol, "meaning": meaning, "positive": positive, "signed": signed}
-    return field(metadata=metadata) if default is None else field(default=default, metadata=metadata)
-
-
-def optional(unit: str, symbol: str, meaning: str, positive: bool = False, signed: bool = False) -> Any:
-    """A quantity that a part may do without: None, and then no leaf and no code."""
-    metadata = {"unit": unit, "symbol": symbol, "meaning": meaning, "positive": positive, "signed": signed}
-    return field(default=None, metadata=metadata)
-
-
-def table(unit: str, symbol: str, meaning: str) -> Any:
-    """A quantity given by several numbers: an array with one axis of its own, before any lanes."""
-    return field(metadata={"unit": unit, "symbol": symbol, "meaning": meaning, "positive": False, "signed": False, "axes": 1})
-
-
-def structure(default: Any, meaning: str = "") -> Any:
-    """A dataclass field that is static: a change of it compiles anew."""
-    return field(default=default, metadata={"static": True, "meaning": meaning})
-
 
 HELD = "true: it does not move, and its mass and inertias are not needed"
 
@@ -267,8 +236,6 @@ class Vehicle:
         return found
 
 
-VEHICLE = Kind("model.vehicle.Vehicle", "a vehicle, as railjax.load_vehicle gives it")
-
 #: part of a vehicle -> its class; a vehicle may do without those in OPTIONAL
 PARTS: dict[str, type] = {
     f.name: next(kind for kind in (f.type, *get_args(f.type)) if dataclasses.is_dataclass(kind))
@@ -276,146 +243,3 @@ PARTS: dict[str, type] = {
     if not f.metadata.get("static")
 }
 OPTIONAL = tuple(f.name for f in dataclasses.fields(Vehicle) if f.name in PARTS and f.default is None)
-
-
-@guarded(vehicle=VEHICLE)
-def replace(vehicle: Vehicle, **changes: Any) -> Vehicle:
-    """A copy with some parameters changed, named by their path with `__` for the dot.
-
-    >>> stiffer = replace(coach, primary__stiffness_x=4e6, contact__law="smooth")  # doctest: +SKIP
-
-    Raises `InputError` for a path that does not exist.
-    """
-    for path, value in changes.items():
-        vehicle = set_parameter(vehicle, path.replace("__", "."), value)
-    return vehicle
-
-
-@guarded(vehicle=VEHICLE, path=a_name)
-def get_parameter(vehicle: Vehicle, path: str) -> Any:
-    """The value at a dotted path, `get_parameter(coach, "primary.stiffness_x")` (SI).
-
-    Raises `InputError` for a path that does not exist, in any vehicle or in this one.
-    """
-    value: Any = vehicle
-    for name in path.split("."):
-        if value is None and path in _paths():
-            part = path.split(".")[0]
-            raise InputError(f"no parameter {path!r}: this vehicle has no {part.replace('_', ' ')}")
-        if not dataclasses.is_dataclass(value) or name not in {f.name for f in dataclasses.fields(value)}:
-            raise _no_such_parameter(path)
-        value = getattr(value, name)
-    return value
-
-
-@guarded(vehicle=VEHICLE, path=a_name)
-def set_parameter(vehicle: Vehicle, path: str, value: Any) -> Vehicle:
-    """A copy of the vehicle with the value (SI) at a dotted path changed."""
-    get_parameter(vehicle, path)  # refuses a path that does not exist
-    return _set(vehicle, path.split("."), value)
-
-
-def _set(part: Any, names: list[str], value: Any) -> Any:
-    head, *rest = names
-    return dataclasses.replace(part, **{head: _set(getattr(part, head), rest, value) if rest else value})
-
-
-def _no_such_parameter(path: str) -> InputError:
-    import difflib
-
-    near = difflib.get_close_matches(path, _paths(), n=1, cutoff=0.0)[0]
-    return InputError(f"no parameter {path!r} in a vehicle; the nearest is {near!r}")
-
-
-def _paths() -> list[str]:
-    """Dotted paths of all that a vehicle may have."""
-    return [f"{part}.{f.name}" for part, kind in PARTS.items() for f in dataclasses.fields(kind) if "unit" in f.metadata]
-
-
-@guarded(vehicle=VEHICLE)
-def parameters(vehicle: Vehicle | None = None) -> Iterator[tuple[str, dataclasses.Field]]:
-    """Dotted path and field (its metadata: unit, symbol, meaning) of every number that all vehicles have, or, given a
-    vehicle, of every number (and table) of that one, with its optional parts."""
-    for part, kind in PARTS.items():
-        there = kind if vehicle is None else getattr(vehicle, part)
-        if there is None or (vehicle is None and part in OPTIONAL):
-            continue
-        for entry in dataclasses.fields(kind):
-            # what a class lacks has no default, so every vehicle gives it
-            if "unit" in entry.metadata and getattr(there, entry.name, entry) is not None:
-                yield f"{part}.{entry.name}", entry
-
-
-def without_labels(vehicle: Vehicle) -> Vehicle:
-    """The vehicle without name, note and provenance, so that two vehicles of one structure share compiled code."""
-    return dataclasses.replace(vehicle, name="", note="", provenance=())
-
-
-#: numbers of an array above which it stays on its device
-FEW = 4096
-
-
-def as_numbers(tree: Any) -> Any:
-    """Every number of the tree as an array of JAX's default float: code is compiled anew where a Python float takes the place of an
-    array or of a NumPy number. Where nothing is traced NumPy makes them, because each first `jnp.asarray` of a kind compiles as well."""
-    dtype = jnp.result_type(float)
-
-    def number(leaf: Any) -> Any:
-        if isinstance(leaf, jax.core.Tracer):
-            return jnp.asarray(leaf, dtype)
-        large = isinstance(leaf, jax.Array) and leaf.size > FEW and leaf.dtype == dtype
-        return leaf if large else np.asarray(leaf, dtype)
-
-    return jax.tree.map(number, tree)
-
-
-class Form(NamedTuple):
-    """What a tree of arrays is made of but its numbers, which a compiled function takes as one array: many are slow to hand over, and XLA
-    aborts the process on an argument of one kernel for which it finds no use."""
-
-    structure: Any
-    shapes: tuple[tuple[int, ...], ...]
-
-    @classmethod
-    def of(cls, tree: Any) -> "Form":
-        leaves, structure = jax.tree.flatten(tree)
-        return cls(structure, tuple(np.shape(leaf) for leaf in leaves))
-
-    def tree(self, numbers: Any) -> Any:
-        """The tree of `numbers` (numbers, *lanes), NumPy's or JAX's."""
-        sizes, lanes = [math.prod(shape) for shape in self.shapes], numbers.shape[1:]
-        parts = [numbers[end - size : end] for size, end in zip(sizes, np.cumsum(sizes), strict=True)]
-        return self.structure.unflatten([part.reshape((*shape, *lanes)) for part, shape in zip(parts, self.shapes, strict=True)])
-
-
-def numbers_of(tree: Any) -> np.ndarray:
-    """All numbers of a tree as one array, in the order of its leaves."""
-    return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(tree)])
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Packed:
-    """A tree of arrays as a compiled function is handed it: what has no axes in one vector, since 50 numbers each by itself take 100 µs."""
-
-    numbers: Any
-    tables: Any
-    tree: Any = structure(None)
-    single: Any = structure(())
-
-    @classmethod
-    def of(cls, tree: Any) -> "Packed":
-        leaves, treedef = jax.tree.flatten(tree)
-        single = tuple(np.ndim(leaf) == 0 for leaf in leaves)
-        numbers = np.array([leaf for leaf, alone in zip(leaves, single, strict=True) if alone], jnp.result_type(float))
-        tables = [leaf for leaf, alone in zip(leaves, single, strict=True) if not alone]
-        return cls(numbers, as_numbers(tables), treedef, single)
-
-    def unpacked(self) -> Any:
-        numbers, tables = iter(self.numbers), iter(self.tables)
-        return self.tree.unflatten([next(numbers) if alone else next(tables) for alone in self.single])
-
-
-def bare(vehicle: Vehicle, damper: Any) -> tuple[Vehicle, Any]:
-    """The vehicle without labels, and the damper, all numbers as arrays: see `as_numbers`; each is quicker to hand over."""
-    return as_numbers((without_labels(vehicle), damper))

@@ -15,15 +15,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from ..base.checks import guarded
+from ..base.arguments import guarded
+from ..base.checks import Kind
 from ..base.errors import InputError
+from ..base.style import COLOURS, STYLE, figure, legend_above
 from ..model.damper import Damper
 from ..model.motion import PASSIVE
 from ..model.vehicle import Vehicle
 from ..simulation.simulate import Simulation
 from ..stability.hunting.limit_cycles import LimitCycle
 from ..stability.modes import Modes
-from .charts import COLOURS, STYLE, figure, legend_above
 from .frames import (
     PERIOD_FRAMES,
     RATE,
@@ -69,7 +70,10 @@ def check_name(out: Path) -> None:
         raise InputError(f"{out}: there is no ffmpeg to write .mp4 with; install it, or write a .gif or .html")
 
 
-@guarded()
+MOTION = Kind((Simulation, LimitCycle, Modes), "a Simulation, a LimitCycle of hunting_branch or Modes")
+
+
+@guarded(motion=MOTION)
 def animate(
     vehicle: Vehicle,
     motion: Simulation | LimitCycle | Modes,

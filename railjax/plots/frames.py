@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..base.checks import guarded
+from ..base.arguments import guarded
 from ..base.errors import InputError, NumericalError
 from ..base.units import KMH
 from ..model.damper import Damper

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from ..base.style import COLOURS
 from ..model.kinematics import layout
 from ..model.vehicle import Vehicle
-from .charts import COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ..base.arguments import an_acceleration
-from ..base.checks import Rising, from_zero, guarded, positive, shown, traced
+from ..base.arguments import guarded
+from ..base.checks import Rising, Samples, from_zero, positive, shown, traced
 from ..base.errors import InputError
 from ..base.typing import Scalar
 from ..model.kinematics import CARBODY_TO_FLOOR, FLOOR_POINTS, lateral_of_carbody
@@ -52,6 +52,13 @@ def _pairs(key: str, value: Any) -> None:
         raise InputError(f"{key} must be a list of pairs (from, to) in s, not {shown(value)}")
     for pair in value:
         Rising(from_zero("s"), 2, 2)(key, pair)
+
+
+def an_acceleration(key: str, value: Any) -> None:
+    """A simulation, records by direction, or one record."""
+    if not isinstance(value, Simulation):
+        for direction, record in value.items() if hasattr(value, "items") else [(key, value)]:
+            Samples("m/s²")(direction, record)
 
 
 @guarded(acceleration=an_acceleration, sperling_exponent=positive(), sperling_power=positive(), transitions=_pairs)

@@ -1,5 +1,6 @@
 """What `comfort` finds, printed and as plain numbers; classes of ride comfort (EN 12299, recalled)."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -7,8 +8,9 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from ..base.failed_lanes import ends
+from ..base.style import legend_above
 from .indices import FLOOR
-from .vibration import THIRD_OCTAVES
+from .vibration import BLOCK, THIRD_OCTAVES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,9 +111,28 @@ class Comfort:
 
     def plot(self, axes: "Axes", bands: "Axes | None" = None) -> None:
         """Weighted r.m.s. of successive 5 s over time; Sperling's index by third octaves where axes are given for it."""
-        from ..plots.charts import comfort
 
-        comfort(axes, bands, self)
+        def lines(direction: str, values: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+            columns = values.reshape(len(values), -1).T
+            of = [f", {place}" for place in self.places] if len(self.places) == len(columns) else [""] * len(columns)
+            return zip([direction + place for place in of], columns, strict=True)
+
+        for direction, blocks in self.blocks.items():
+            for name, values in lines(direction, blocks):
+                axes.stairs(
+                    values, BLOCK * np.arange(len(values) + 1), baseline=None, label=f"{name} ({self.weightings[direction]})"
+                )
+        axes.set(xlabel="time, s", ylabel="weighted r.m.s. of 5 s, m/s²", ylim=(0.0, None))
+        legend_above(axes, 2)
+        if bands is None:
+            return
+        for direction, parts in self.sperling_bands.items():
+            for (name, values), whole in zip(lines(direction, parts), self.sperling[direction].flat, strict=True):
+                bands.semilogx([10.0 ** (n / 10.0) for n in THIRD_OCTAVES], values, ".-", label=f"{name}, $W_z$ = {whole:.2f}")
+        bands.set(xlabel="third octave, Hz", ylabel="Sperling's index of the band", ylim=(0.0, None))
+        bands.set_xticks([0.5, 1, 2, 4, 8, 16, 31.5], ["0.5", "1", "2", "4", "8", "16", "31.5"])
+        bands.minorticks_off()
+        legend_above(bands, 2)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers and lists, for JSON."""

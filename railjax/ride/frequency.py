@@ -12,19 +12,21 @@ from the same `motion` as the simulation. A random track of spectrum S(W) gives 
 
 import functools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ..base.arguments import an_excitation
+from ..base.arguments import ARGUMENTS, guarded
 from ..base.batches import count_lanes, each_lane, own_axes
-from ..base.checks import a_name, guarded, traced
+from ..base.checks import Kind, a_name, traced
 from ..base.compilation import eig
 from ..base.errors import InputError, NumericalError
 from ..base.failed_lanes import ends, nan_unless, no_number, without_nan
+from ..base.fields import structure
+from ..base.packing import as_numbers
 from ..base.precision import require_double_precision
 from ..base.smooth import sqrt_of_square
 from ..base.typing import Number, Scalar
@@ -32,9 +34,11 @@ from ..base.units import KMH
 from ..model.damper import Damper
 from ..model.kinematics import wheelset_positions
 from ..model.motion import PASSIVE, Motion, linearised, state_rate, state_size, wheelset_shape
+from ..model.parameters import bare
 from ..model.track.sampled import SampledTrack
+from ..model.track.shapes import check_track
 from ..model.track.spectra import LONGEST, SHORTEST, Spectrum, spectrum
-from ..model.vehicle import Vehicle, as_numbers, bare, structure
+from ..model.vehicle import Vehicle
 from ..simulation.channels import CHANNELS, check_channel
 from .weightings import weighting
 
@@ -146,6 +150,17 @@ class FrequencyResponse:
             "speed": (lane if np.ndim(self.speed) else (), np.asarray(self.speed), {"units": "m/s"}),
         }
         return xarray.Dataset(variables, coordinates, {"vehicle": self.vehicle_name})
+
+
+ARGUMENTS["response"] = Kind(FrequencyResponse, "what railjax.frequency_response returns")
+
+
+def an_excitation(key: str, value: Any) -> None:
+    """A spectrum, a realisation of one, or waves."""
+    if isinstance(value, SampledTrack):
+        check_track(value)
+    elif not isinstance(value, Excitation):
+        spectrum(value)
 
 
 @guarded(("shortest", "longest"), track=an_excitation)

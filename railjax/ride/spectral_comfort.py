@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..base.checks import guarded
+from ..base.arguments import guarded
 from ..base.errors import InputError
 from ..base.smooth import sqrt_of_square
 from .frequency import FrequencyResponse

@@ -16,10 +16,10 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from ..base.arguments import an_excitation
-from ..base.checks import guarded
+from ..base.arguments import guarded
 from ..base.errors import InputError, NumericalError
 from ..base.failed_lanes import nan_unless, no_number, without_nan
+from ..base.packing import as_numbers
 from ..base.precision import require_double_precision
 from ..base.typing import Number, Scalar
 from ..base.units import KMH
@@ -28,10 +28,11 @@ from ..model.contact.creep import flange_force, saturation, saturation_factor
 from ..model.damper import Bogies, Damper, Seen, law_of
 from ..model.kinematics import damper_point
 from ..model.motion import PASSIVE, Motion, wheelset_shape
+from ..model.parameters import bare
 from ..model.track.spectra import LONGEST, SHORTEST
-from ..model.vehicle import Vehicle, as_numbers, bare
+from ..model.vehicle import Vehicle
 from ..simulation.channels import CHANNELS, check_channel
-from .frequency import POINTS, Excitation, FrequencyResponse, read_channels, respond, waves_of
+from .frequency import POINTS, Excitation, FrequencyResponse, an_excitation, read_channels, respond, waves_of
 
 #: of the fixed point: most iterations; share of the new gains that is taken over
 ITERATIONS, SHARE = 60, 0.7

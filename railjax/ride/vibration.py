@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from ..base.checks import guarded
+from ..base.arguments import guarded
 from ..base.errors import InputError
 from ..base.failed_lanes import nan_unless
 from ..base.smooth import sqrt_of_square

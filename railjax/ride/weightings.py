@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
 
-from ..base.checks import guarded
+from ..base.arguments import guarded
 from ..base.errors import InputError
 
 

@@ -17,7 +17,8 @@ from jaxtyping import Float
 
 from ..base.batches import chunk_for, over_lanes
 from ..base.compilation import QUICK, one_kernel, options
-from ..model.vehicle import Packed, structure
+from ..base.fields import structure
+from ..base.packing import Packed
 from .channels import CHANNELS, parse_reduction, rows_of_motion, rows_of_state, shape_of
 from .integrate import STATES, Block, Plan, Progress, Run, advance, burst_of, parameter_axes, read
 

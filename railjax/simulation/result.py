@@ -8,11 +8,13 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..base.arguments import ARGUMENTS
+from ..base.checks import Kind
 from ..base.errors import InputError
 from ..base.failed_lanes import ends
+from ..base.fields import structure
 from ..base.typing import Number
 from ..base.units import KMH
-from ..model.vehicle import structure
 from .blocks import Sampled
 from .channels import CHANNELS, PLACES, check_channel, has_channel
 from .speed import SpeedProfile
@@ -126,3 +128,6 @@ class Simulation:
             coordinates["speed"] = (lane if speed.ndim else (), speed, {"units": "m/s"})
         attributes = {"vehicle": self.vehicle_name, "dt": float(self.dt)}
         return xarray.Dataset(variables, coordinates, attributes)
+
+
+ARGUMENTS["run"] = Kind(Simulation, "what railjax.simulate returns")

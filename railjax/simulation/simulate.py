@@ -10,24 +10,27 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from ..base.arguments import guarded
 from ..base.batches import alone, by_device, chunk_for, count_lanes, each_lane, over_lanes, own_axes, with_derivative_of
-from ..base.checks import guarded, traced
+from ..base.checks import traced
 from ..base.errors import InputError
+from ..base.packing import as_numbers
 from ..base.typing import Scalar
 from ..model.damper import Damper
 from ..model.kinematics import join, layout
 from ..model.motion import PASSIVE, state_size
+from ..model.parameters import without_labels
 from ..model.track.shapes import TangentTrack, Track
-from ..model.vehicle import Vehicle, as_numbers, without_labels
+from ..model.vehicle import Vehicle
 from .blocks import Sampled, finished, lane_shape, wheelsets_flat
 from .channels import CHANNELS, check_channel, has_channel, parse_reduction
 from .integrate import Plan, Run, parameter_axes, run
 from .result import Result, Simulation
-from .speed import Speed, SpeedProfile
+from .speed import Speed, SpeedProfile, a_speed
 from .step_size import STABLE_RADIUS, fastest_rate, fastest_rate_on_host
 
 
-@guarded()
+@guarded(speed=a_speed)
 def simulate(
     vehicle: Vehicle,
     speed: Speed,

@@ -1,13 +1,15 @@
 """Speed over time: a number, or straight lines between points."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import Range, Rising, guarded, positive, traced
+from ..base.arguments import SPEED, guarded
+from ..base.checks import Range, Rising, positive, traced
 from ..base.errors import InputError
 from ..base.typing import Number, Scalar
 
@@ -56,3 +58,11 @@ class SpeedProfile:
 
 
 Speed = Scalar | SpeedProfile
+
+
+def a_speed(key: str, value: Any) -> None:
+    """A number, one per lane, or a profile over time."""
+    if isinstance(value, SpeedProfile):
+        in_order(key, value)
+    else:
+        SPEED(key, value)

@@ -1,1 +1,3 @@
-"""."""
+"""The linear critical speed, modes and root loci about straight running.
+
+Imports base, model and simulation."""

@@ -9,9 +9,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..base.batches import each_lane, own_axes
+from ..base.packing import Form, numbers_of
 from ..model.damper import Damper
 from ..model.motion import state_matrix
-from ..model.vehicle import Form, Vehicle, bare, numbers_of
+from ..model.parameters import bare
+from ..model.vehicle import Vehicle
 
 #: speeds computed in one call: few calls, little in vain
 TOGETHER = 15

@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
+from ..base.arguments import ARGUMENTS, guarded
 from ..base.batches import count_lanes, each_lane, in_threads, one_by_one, own_axes
-from ..base.checks import guarded, traced
+from ..base.checks import Kind, traced
 from ..base.errors import NumericalError
 from ..base.failed_lanes import without_nan
 from ..base.precision import require_double_precision
@@ -20,7 +21,8 @@ from ..base.typing import Scalar
 from ..base.units import KMH
 from ..model.damper import Damper
 from ..model.motion import PASSIVE, state_matrix, state_product
-from ..model.vehicle import Vehicle, bare
+from ..model.parameters import bare
+from ..model.vehicle import Vehicle
 from .along_speed import along_speed, lanes_along_speed
 from .eigen_crossing import Crossing, Outcome, lowest_crossing, lowest_crossing_compiled, pencil, speeds_of
 
@@ -48,6 +50,9 @@ class LinearCritical(NamedTuple):
     frequency: Float[Array, "..."]
     growth_per_speed: Float[Array, "..."]
     code: Int[Array, "..."]
+
+
+ARGUMENTS["hopf"] = Kind(LinearCritical, "what railjax.linear_critical returns")
 
 
 @guarded(("lowest", "highest"))

@@ -1,16 +1,18 @@
 """Modes as engineers name them: frequencies, damping ratios, shapes, and their loci along the speed."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ..base.arguments import ONE_SPEED, SPEED
-from ..base.checks import guarded
+from ..base.arguments import ONE_SPEED, SPEED, guarded
 from ..base.errors import InputError, NumericalError
 from ..base.precision import require_double_precision
+from ..base.style import COLOURS, legend_above
 from ..base.typing import Scalar
 from ..base.units import KMH
 from ..model.damper import Damper
@@ -18,6 +20,9 @@ from ..model.kinematics import labels, layout, size
 from ..model.motion import PASSIVE, inertias
 from ..model.vehicle import Vehicle
 from .along_speed import along_speed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 EXTREME = "look for a mass or stiffness that is far from any vehicle's"
 
@@ -50,6 +55,29 @@ class Modes:
     def damping_ratio(self) -> Float[np.ndarray, "modes"]:
         """zeta = -Re(lambda)/|lambda|; negative means unstable."""
         return damping_ratios(self.eigenvalues)
+
+    def plot(self, axes: "Axes", limit: float = 0.6, marks: Mapping[str, float] | None = None) -> None:
+        """Damping ratio over speed of the modes that are ever less damped than `limit`; speeds in km/h marked by name."""
+        damping = self.damping_ratio
+        order = np.argsort(damping.min(axis=0))
+        colours: dict[str, str] = {}
+        for k in [k for k in order if damping[:, k].min() < limit]:
+            # twins, alike but for the phase of the bogies, share a colour
+            kind, _, phase = self.names[k].partition(", ")
+            if kind not in colours and len(colours) == len(COLOURS):
+                break
+            colour = colours.setdefault(kind, COLOURS[len(colours) % len(COLOURS)])
+            style = (0, (4, 3)) if phase.startswith("bogies in opposition") else "-"
+            axes.plot(self.speeds * KMH, 100 * damping[:, k], color=colour, linestyle=style, label=self.names[k])
+        axes.axhline(0.0, color="0.2", linewidth=0.8)
+        for (name, speed), style in zip((marks or {}).items(), (":", "-."), strict=False):
+            axes.axvline(speed, color="0.35", linestyle=style, linewidth=1.2, label=f"{name}, {speed:.1f} km/h")
+        axes.set(
+            xlabel="speed, km/h",
+            ylabel="damping ratio, %",
+            xlim=(self.speeds[0] * KMH, self.speeds[-1] * KMH),
+        )
+        legend_above(axes, 2)
 
     def __str__(self) -> str:
         lines = [

@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import InputError
+from ..base.errors import InputError, nearest
 from ..base.units import KMH, SUFFIXES, keys_of
-from ..cli.inputs import DAMPERS, make_damper
+from ..dampers.named import DAMPERS, make_damper
 from ..model.kinematics import UNITS as COORDINATES
 from ..model.track.random import RandomTrack
 from ..model.track.shapes import BumpTrack, SinusoidTrack, TangentTrack
 from ..model.vehicle import PARTS, Vehicle
 from ..vehicles.files import load_vehicle
-from ..vehicles.values import nearest, number, shown
+from ..vehicles.values import number, shown
 from .names import UNITS
 from .points import DESIGNS, MOST_POINTS, SAMPLED, SCALES
 from .ready_made import STUDIES, arguments_of
@@ -247,7 +247,7 @@ def _damper(table: dict[str, Any], vehicle: Vehicle, speed: float | None) -> Any
     kind = _one_of(table, "kind", DAMPERS, "damper.")
     if kind == "clipped-lqr" and speed is None:
         raise InputError("damper.kind clipped-lqr is designed at a speed: give speed_kmh")
-    damper: Any = make_damper(kind, vehicle, 1.0 if speed is None else speed, None)
+    damper: Any = make_damper(kind, vehicle, 1.0 if speed is None else speed)
     rest = {key: value for key, value in table.items() if key not in ("kind", "law")}
     values: dict[str, Any] = dict(_numbers(damper, rest, "damper"))
     if "law" in table:

@@ -8,8 +8,9 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..model.damper import check_damper
+from ..model.parameters import get_parameter, set_parameter
 from ..model.track.shapes import check_track
-from ..model.vehicle import PARTS, get_parameter, set_parameter
+from ..model.vehicle import PARTS
 from ..vehicles.values import converted
 
 #: units of the fields of tracks and dampers that do not carry them

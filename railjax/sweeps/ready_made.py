@@ -13,14 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.arguments import guarded
 from ..base.batches import count_lanes, each_lane, one_by_one, over_lanes, own_axes
-from ..base.checks import guarded
+from ..base.fields import quantity
 from ..base.precision import require_double_precision
 from ..base.typing import Scalar
 from ..model.damper import Damper
 from ..model.motion import PASSIVE, state_matrix
+from ..model.parameters import without_labels
 from ..model.track.shapes import TangentTrack, Track
-from ..model.vehicle import Vehicle, quantity, without_labels
+from ..model.vehicle import Vehicle
 from ..ride.frequency import frequency_response
 from ..ride.spectral_comfort import spectral_comfort
 from ..simulation.simulate import Simulation, simulate

@@ -27,15 +27,16 @@ from typing import TYPE_CHECKING, Any
 
 import jax
 
-from ..base.arguments import a_speed
-from ..base.checks import a_function, a_table, guarded
+from ..base.arguments import guarded
+from ..base.checks import a_function, a_table
 from ..base.errors import InputError, NumericalError
 from ..base.progress import Clock, Report, bar, stoppable
 from ..base.source import digest_of_source
 from ..model.damper import Damper, check_damper
+from ..model.parameters import without_labels
 from ..model.track.shapes import Track, check_track
-from ..model.vehicle import Vehicle, without_labels
-from ..simulation.speed import Speed
+from ..model.vehicle import Vehicle
+from ..simulation.speed import Speed, a_speed
 from .chunks import Computed, Fault, Job, Settings, compute, packed, work
 from .fingerprint import described, lines
 from .names import check_range, owner, unit_of
@@ -54,7 +55,7 @@ TRIES = 4
 log = logging.getLogger("railjax")
 
 
-@guarded(over=a_table, study=a_function, progress=None, samples=None)
+@guarded(speed=a_speed, over=a_table, study=a_function, progress=None, samples=None)
 def sweep(
     study: Callable[..., Any],
     over: Mapping[str, Any],

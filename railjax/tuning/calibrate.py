@@ -10,19 +10,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import a_table, guarded
-from ..base.errors import InputError, NumericalError
+from ..base.arguments import guarded
+from ..base.checks import a_table
+from ..base.errors import InputError, NumericalError, nearest
 from ..base.precision import require_double_precision
 from ..base.units import KMH
 from ..model.damper import Damper
 from ..model.motion import PASSIVE
-from ..model.vehicle import Provenance, Vehicle, bare, get_parameter, set_parameter
+from ..model.parameters import bare, get_parameter, set_parameter
+from ..model.vehicle import Provenance, Vehicle
 from ..stability.hunting.fold_search import FoldSearch, search_folds
 from ..stability.hunting.nonlinear_critical import Hunting, default_wheelset, enough_steps, nonlinear_critical
 from ..stability.hunting.orbits import DISPLACEMENT, SPEED, Model, Shooting, model_of, rounded, section, unpack
 from ..stability.hunting.shooting import BY_AMPLITUDE, Point, row_of
 from ..stability.linear_critical import LinearCritical, Stability, linear_critical
-from ..vehicles.values import nearest
 
 #: what a vehicle can be fitted to: linear critical speed; speed of the fold of the limit cycles and amplitude there
 RESULTS = ("linear_kmh", "fold_kmh", "fold_amplitude_mm")

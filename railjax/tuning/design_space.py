@@ -11,11 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.errors import InputError
+from ..base.errors import InputError, nearest
+from ..base.fields import structure
 from ..base.typing import Number
 from ..model.damper import Damper
-from ..model.vehicle import Provenance, Vehicle, bare, get_parameter, parameters, set_parameter, structure
-from ..vehicles.values import nearest
+from ..model.parameters import bare, get_parameter, parameters, set_parameter
+from ..model.vehicle import Provenance, Vehicle
 from .quantity import Trees
 
 #: a parameter of the damper is written as damper.alpha

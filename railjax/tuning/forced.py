@@ -11,13 +11,14 @@ from jaxtyping import Array, Bool, Float
 
 from ..base.batches import count_lanes
 from ..base.errors import InputError
+from ..base.fields import structure
 from ..base.typing import Number, Scalar
 from ..model.damper import Damper, PassiveDamper
 from ..model.track.random import RandomTrack
 from ..model.track.sampled import SampledTrack
 from ..model.track.shapes import TangentTrack, Track
 from ..model.track.spectra import LONGEST, SHORTEST, spectrum
-from ..model.vehicle import Vehicle, structure
+from ..model.vehicle import Vehicle
 from ..ride.frequency import POINTS, frequency_response, waves_of
 from ..ride.statistical import CONVERGED, EquivalentDamper, memoryless, statistical_linearisation
 from ..ride.vibration import weighted_rms

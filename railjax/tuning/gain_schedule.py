@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..base.arguments import SPEED
-from ..base.checks import Rising, guarded
+from ..base.arguments import SPEED, guarded
+from ..base.checks import Rising
 from ..base.compilation import jit as one_kernel
 from ..base.errors import InputError, NumericalError
 from ..base.precision import require_double_precision

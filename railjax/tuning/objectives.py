@@ -21,12 +21,13 @@ from jaxtyping import Array, Float
 
 from ..base.arguments import SPEED
 from ..base.errors import InputError
+from ..base.fields import structure
 from ..base.typing import Number, Scalar
 from ..base.units import KMH
 from ..dampers.controlled import BalanceLogic
 from ..model.damper import Damper
 from ..model.motion import state_matrix
-from ..model.vehicle import Vehicle, structure
+from ..model.vehicle import Vehicle
 from ..ride.statistical import EquivalentDamper, memoryless
 from ..ride.weightings import check_weighting
 from ..simulation.channels import CHANNELS, check_channel

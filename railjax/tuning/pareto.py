@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..base.checks import a_table, guarded, whole
+from ..base.arguments import guarded
+from ..base.checks import a_table, whole
 from ..base.errors import InputError, NumericalError
 from ..base.precision import require_double_precision
 from ..model.damper import Damper
@@ -62,7 +63,7 @@ class Front:
 
     def plot(self, axes: "Axes", label: str = "", colour: str | None = None) -> None:
         """The front, objective upwards, and the vehicle as it is; `label` and `colour` of the curve."""
-        from ..plots.charts import COLOURS, with_powers
+        from ..base.style import COLOURS, with_powers
 
         one, other = self.quantity, self.against_quantity
         colour = colour or COLOURS[0]

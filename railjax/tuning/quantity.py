@@ -12,7 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.arguments import ARGUMENTS
 from ..base.batches import own_axes
+from ..base.checks import Kind
 from ..base.errors import InputError
 from ..base.units import KMH
 from ..model.damper import Damper
@@ -81,6 +83,9 @@ class Quantity:
 
     def __le__(self, limit: Any) -> "Constraint":
         return Constraint(self, _limit(limit), False)
+
+
+ARGUMENTS["quantity"] = Kind(Quantity, "one of railjax.objectives")
 
 
 def _limit(limit: Any) -> float:

@@ -104,7 +104,7 @@ class Tuning:
 
     def plot(self, axes: "Axes") -> None:
         """Objective over evaluations, one line per start; points that violate a constraint are hollow."""
-        from ..plots.charts import COLOURS, with_powers
+        from ..base.style import COLOURS, with_powers
 
         factor = self.quantity.factor
         for k, descent in enumerate(self.descents):

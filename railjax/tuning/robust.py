@@ -13,11 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.checks import guarded
+from ..base.arguments import ARGUMENTS, guarded
+from ..base.checks import Kind
 from ..base.errors import InputError
+from ..base.fields import structure
 from ..base.typing import Number
 from ..model.damper import Damper
-from ..model.vehicle import Vehicle, get_parameter, set_parameter, structure
+from ..model.parameters import get_parameter, set_parameter
+from ..model.vehicle import Vehicle
 from .quantity import Quantity, Trees
 
 #: of the worst value: the width of the smooth maximum, in shares of the mean value
@@ -51,6 +54,9 @@ class Scatter:
         low, high = np.array(list(given.values()), float).T
         points = qmc.LatinHypercube(len(given), rng=np.random.default_rng(self.seed)).random(self.samples)
         return tuple(given), tuple(name in (self.factors or {}) for name in given), (low + (high - low) * points).T
+
+
+ARGUMENTS["scatter"] = Kind(Scatter, "a railjax.Scatter")
 
 
 @guarded()

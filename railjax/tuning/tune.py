@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..base.checks import a_table, guarded, whole
+from ..base.arguments import guarded
+from ..base.checks import a_table, whole
 from ..base.errors import InputError, NumericalError
 from ..base.precision import require_double_precision
 from ..model.damper import Damper, check_damper
 from ..model.motion import PASSIVE
+from ..model.parameters import parameters as parameters_of
 from ..model.vehicle import Vehicle
-from ..model.vehicle import parameters as parameters_of
 from . import minimise
 from .derivatives import differentiated_to_the_end
 from .design_space import OF_DAMPER, DesignSpace

@@ -1,1 +1,3 @@
-"""."""
+"""Packaged vehicles (.toml), and vehicles from and to files, checked.
+
+Imports base, model, simulation and stability."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.checks import guarded
+from ..base.arguments import guarded
 from ..base.errors import InputError, NumericalError
 from ..base.precision import require_double_precision
 from ..base.units import KMH
@@ -15,7 +15,8 @@ from ..model.contact.kalker import creep_coefficients
 from ..model.damper import PassiveDamper
 from ..model.kinematics import layout
 from ..model.motion import matrices, state_matrix
-from ..model.vehicle import Vehicle, parameters
+from ..model.parameters import parameters
+from ..model.vehicle import Vehicle
 from ..simulation.integrate import largest_step
 from ..stability.linear_critical import linear_critical_speed
 from .ranges import RANGES, Finding

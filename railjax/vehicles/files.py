@@ -17,12 +17,13 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..base.checks import guarded
-from ..base.errors import InputError, collecting
+from ..base.arguments import guarded
+from ..base.errors import InputError, collecting, nearest
 from ..base.units import keys_of
+from ..model.consistency import bump_stop_table, consistent
 from ..model.contact import kalker
 from ..model.vehicle import OPTIONAL, PARTS, Provenance, Vehicle
-from .values import Table, bump_stop_table, consistent, converted, hertz, nearest, number, shown, structure
+from .values import Table, converted, hertz, number, shown, structure
 
 #: keys of a file beside the tables of parameters
 TOP = {

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.checks import guarded
+from ..base.arguments import guarded
 from ..base.units import SUFFIXES, handy
 from ..model.vehicle import PARTS, Vehicle
 from .values import HERTZ_KEYS

@@ -22,7 +22,7 @@ from ..common import (
     working,
 )
 from ..files import BridgeM, BridgeS, ChordM, Columns, LongestM, ShortestM, TimeUnit, Units, named, track_file, units_of
-from ..inputs import make_damper, make_track
+from ..inputs import chosen_damper, make_track
 from ..out import OutJson, check_out
 
 
@@ -136,7 +136,7 @@ def acceptance(
         raise InputError("--damper clipped-lqr is designed for one speed; give --speed-kmh once")
     loaded = load(vehicle)
     speeds = [speed / KMH for speed in speed_kmh]
-    law = make_damper(damper, loaded, speeds[0], alpha)
+    law = chosen_damper(damper, loaded, speeds[0], alpha)
     if section_m is not None and section_m < SHORTEST:
         raise InputError(f"--section-m must be {SHORTEST:g} or more, not {section_m:g}")
     sections = [section_m or float(default_section(speed)) for speed in speeds]

@@ -6,9 +6,10 @@ from typing import Annotated, Any
 import typer
 
 from ...base.errors import InputError
+from ...dampers.named import DAMPERS
 from ..common import AsJson, VehicleName, calibrated, finite, load, show
 from ..files import BridgeM, ChordM, Columns, LongestM, ShortestM, Units, track_file
-from ..inputs import DAMPERS, make_damper, make_track
+from ..inputs import chosen_damper, make_track
 
 
 def animate(
@@ -83,7 +84,7 @@ def animate(
     check_name(out)
     loaded = load(vehicle)
     speed = speed_kmh / KMH
-    law = make_damper(damper, loaded, speed, alpha)
+    law = chosen_damper(damper, loaded, speed, alpha)
     content: dict[str, Any] = {"vehicle": loaded.name, "speed_kmh": speed_kmh, "damper": damper}
     options: dict[str, Any] = {}
     if mode is not None:

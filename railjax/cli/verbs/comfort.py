@@ -34,7 +34,7 @@ from ..files import (
     track_file,
     units_of,
 )
-from ..inputs import make_damper, make_track
+from ..inputs import chosen_damper, make_track
 from ..out import PICTURES, as_picture, check_out, out_option
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ def _simulated(vehicle: Any, speed_kmh: float, track: "Track", duration_s: float
     from ... import Result, simulate
     from ...base.units import KMH
 
-    law = make_damper(damper, vehicle, speed_kmh / KMH, alpha)
+    law = chosen_damper(damper, vehicle, speed_kmh / KMH, alpha)
     run = simulate(
         vehicle,
         speed_kmh / KMH,

@@ -8,7 +8,7 @@ import typer
 from ...base.errors import InputError, NumericalError
 from ..common import TRACKS, Alpha, AsJson, DamperName, TrackSeed, VehicleName, complete_track, finite, load, show, working
 from ..files import BridgeM, ChordM, Columns, LongestM, ShortestM, Units, track_file
-from ..inputs import make_damper, make_track
+from ..inputs import chosen_damper, make_track
 from ..out import PICTURES, TABLE, as_picture, check_out, out_option
 
 NETCDF = ".nc"
@@ -58,7 +58,7 @@ def simulate(
     loaded = load(vehicle)
     how = track_file(track, columns, unit, chord_m, longest_m, shortest_m, bridge_m)
     line, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, bump_m, file=how)
-    law = make_damper(damper, loaded, speed_kmh / KMH, alpha)
+    law = chosen_damper(damper, loaded, speed_kmh / KMH, alpha)
     channels = [name.strip() for name in record.split(",") if name.strip()]
     if not channels:
         raise InputError("--record names no channel; give one, like carbody_acceleration")

@@ -104,10 +104,9 @@ def _damping(axes: Any, vehicle: Any, highest_kmh: float, marks: dict[str, float
     import numpy as np
 
     from ...base.units import KMH
-    from ...plots.charts import locus
     from ...stability.modes import root_locus
 
-    locus(axes, root_locus(vehicle, np.linspace(0.2, 1.0, 45) * highest_kmh / KMH), marks=marks)
+    root_locus(vehicle, np.linspace(0.2, 1.0, 45) * highest_kmh / KMH).plot(axes, marks=marks)
 
 
 def _nonlinear(vehicle: Any) -> tuple[dict[str, Any], list[str]]:

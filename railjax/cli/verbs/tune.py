@@ -9,7 +9,7 @@ import typer
 
 from ...base.errors import InputError
 from ..common import Alpha, AsJson, DamperName, TrackName, VehicleName, completing, finite, load, show, working
-from ..inputs import make_damper
+from ..inputs import chosen_damper
 from ..out import PICTURES, as_picture, check_out, out_option
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def tune(
     loaded = load(vehicle)
     from ... import tune as run
 
-    law = make_damper(damper, loaded, max(speeds) / 3.6, alpha)
+    law = chosen_damper(damper, loaded, max(speeds) / 3.6, alpha)
     bounds = dict(_parameter(loaded, text) for text in parameter)
     if len(bounds) < len(parameter):
         raise InputError("--parameter: each may be given once")
@@ -102,7 +102,7 @@ def tune(
 def _parameter(vehicle: "Vehicle", text: str) -> tuple[str, tuple[float, float]]:
     """Dotted name and bounds in SI of "primary.stiffness_x_MN_per_m=1:20"."""
     from ...base.units import keys_of
-    from ...model.vehicle import parameters
+    from ...model.parameters import parameters
 
     name, equals, bounds = (piece.strip() for piece in text.partition("="))
     ends = bounds.split(":")

@@ -18,9 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...base.errors import InputError, NumericalError
+from ...base.fields import quantity, structure
 from ...base.precision import require_double_precision
 from ...base.typing import Number
-from ...model.vehicle import quantity, structure
 from .hydraulics import HydraulicDamper, Pilot, PilotSizes, size_pilot
 from .magnetic_circuit import Circuit, Steel, circuit, turns_per_layer
 from .mr_device import DeviceForces, MrDevice, MrFluid, analyse, check

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...base import smooth
+from ...base.fields import quantity
 from ...base.typing import Number, Scalar
-from ...model.vehicle import quantity
 
 #: Pa in the paper's unit of pressure
 DAN_PER_CM2 = 1e5

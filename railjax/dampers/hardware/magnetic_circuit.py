@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...base.errors import InputError
+from ...base.fields import quantity
 from ...base.smooth import TINY
 from ...base.typing import Number, Scalar
-from ...model.vehicle import quantity
 from .hydraulics import disc_area
 from .mr_device import MrDevice, MrFluid, duct_width, total_force
 

@@ -20,9 +20,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.errors import InputError
+from ...base.fields import quantity, structure
 from ...base.smooth import TINY
 from ...base.typing import Number, Scalar
-from ...model.vehicle import quantity, structure
 from .hydraulics import disc_area
 
 

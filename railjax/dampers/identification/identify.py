@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ...base.checks import FLAG, Kind, Range, guarded, whole
+from ...base.arguments import guarded
+from ...base.checks import FLAG, Kind, Range, whole
 from ...base.errors import InputError, NumericalError
 from ...base.precision import require_double_precision
 from ...base.typing import Number
@@ -46,7 +47,7 @@ VoltageLaw = Literal["saturating", "linear"]
 def _records(key: str, value: Any) -> None:
     """A record, or several."""
     for one in value if isinstance(value, (list, tuple)) and value else [value]:
-        Kind("dampers.identification.record.Record", "a railjax.Record")(key, one)
+        Kind(Record, "a railjax.Record")(key, one)
 
 
 @guarded(

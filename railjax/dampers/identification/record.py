@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ...base import file_units
-from ...base.checks import Range, a_path, from_zero, guarded, whole
+from ...base.arguments import guarded
+from ...base.checks import Range, a_path, from_zero, whole
 from ...base.csv_columns import TIME_NAMES, TIME_UNITS, Columns, Samples, read_columns
 from ...base.errors import InputError
 from ...base.stamps import BRIDGE, sampling

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...base.checks import guarded, traced
+from ...base.arguments import guarded
+from ...base.checks import traced
 from ...base.errors import InputError
 from ...base.typing import Scalar
 

@@ -17,7 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ...base.checks import Kind, Range, a_path, guarded, positive
+from ...base.arguments import guarded
+from ...base.checks import Kind, Range, a_path, positive
 from ...base.compilation import fence
 from ...base.errors import InputError
 from ...base.typing import Number, Scalar
@@ -115,7 +116,7 @@ def _single(track: T) -> T:
     return track
 
 
-@guarded(track=Kind("model.track.sampled.SampledTrack", "a track given by samples, like railjax.RandomTrack"))
+@guarded(track=Kind(SampledTrack, "a track given by samples, like railjax.RandomTrack"))
 def spectrum_of(track: SampledTrack, segment: float = 1000.0) -> TableSpectrum:
     """Estimate of a track's spectrum by Welch's method (Hann window, overlapping by half), as points of m²/(rad/m) over rad/m.
 

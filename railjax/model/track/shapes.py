@@ -7,14 +7,15 @@ offsets are fixed over a run, so what depends on them alone is computed once.
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ...base.checks import guarded, shown, traced
+from ...base.arguments import ARGUMENTS, guarded
+from ...base.checks import shown, traced
 from ...base.errors import InputError
 from ...base.typing import Number
 
@@ -113,3 +114,14 @@ def check_track(track: Track) -> None:
             raise InputError(f"track.{key} must be finite, not {array[wrong][0]}")
         if key in ("wavelength", "length", "spacing", "fade") and not np.all(array > 0):
             raise InputError(f"track.{key} must be positive (m), not {value}")
+
+
+def a_track(key: str, value: Any) -> None:
+    """A track with an alignment, no spectrum."""
+    if isinstance(value, type) or not isinstance(value, Track):
+        hint = f"; write railjax.RandomTrack({value!r}) for a spectrum" if isinstance(value, str) else ""
+        raise InputError(f"{key} must be a track, like railjax.SinusoidTrack(5e-3, 20.0), not {shown(value)}{hint}")
+    check_track(value)
+
+
+ARGUMENTS["track"] = a_track

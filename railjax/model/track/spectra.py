@@ -16,12 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ...base.checks import guarded, positive, shown, traced
+from ...base.arguments import guarded
+from ...base.checks import positive, shown, traced
 from ...base.csv_columns import IN_PYTHON, read_columns
 from ...base.errors import InputError
+from ...base.fields import quantity, structure, table
 from ...base.text_table import is_table
 from ...base.typing import Number, Scalar
-from ..vehicle import quantity, structure, table
 
 Wavenumbers = Float[Array, "..."] | Float[np.ndarray, "..."] | float
 

@@ -1,10 +1,10 @@
-"""The report of `railjax reproduce`, and how reports print numbers."""
+"""The report of `railjax reproduce`."""
 
-import math
 from collections.abc import Sequence
 from html import escape
 from typing import Any
 
+from ...base.text import number
 from ..vehicle.page import Section, bullets, figure, page, paragraph, png_uri, table
 
 
@@ -40,22 +40,6 @@ def render(results: dict[str, Any], pictures: Sequence[dict[str, str]]) -> str:
     sections = [part for part in sections if given[part.slug]]
     heading = f"A magneto-rheological hybrid damper for railway vehicle suspensions: reproduced with railjax {results['railjax']}"
     return page("railjax: reproduction", heading, paragraph(results["summary"]), sections, f"JAX {escape(results['jax'])}")
-
-
-def without_nan(content: Any) -> Any:
-    """The content with None for NaN and infinities, which JSON cannot hold."""
-    if isinstance(content, dict):
-        return {key: without_nan(value) for key, value in content.items()}
-    if isinstance(content, list):
-        return [without_nan(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
-
-
-def number(value: float | None) -> str:
-    """As the report prints it: six digits, a dash where there is none."""
-    if value is None:
-        return "-"
-    return f"{value:.6g}"
 
 
 def _named(entry: dict[str, Any], key: str) -> str:

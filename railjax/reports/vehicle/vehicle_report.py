@@ -13,15 +13,16 @@ from typing import Any
 
 import jax
 
-from ...base.arguments import ONE_SPEED
+from ...base.arguments import ONE_SPEED, guarded
 from ...base.batches import count_lanes, own_axes
-from ...base.checks import guarded, some_names
+from ...base.checks import some_names
 from ...base.errors import InputError, NumericalError
 from ...base.precision import require_double_precision
 from ...base.typing import Scalar
 from ...base.units import KMH
+from ...model.parameters import without_labels
 from ...model.track.spectra import spectrum
-from ...model.vehicle import Vehicle, without_labels
+from ...model.vehicle import Vehicle
 from .page import Section, key_figures, page, paragraph
 from .sections.hunting import bifurcation, critical_speeds, sensitivity
 from .sections.ride import comfort_over_speed, passive_and_semiactive

@@ -5,13 +5,13 @@ what is compared with the limit is the estimated maximum x_mean + k s over the s
 instability criterion is the largest r.m.s. of a sliding window. It is no certificate: `NOT_ASSESSED` says what is missing.
 """
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float
 
-from ...base.checks import Kind, guarded, whole
+from ...base.arguments import guarded
+from ...base.checks import Kind
 from ...base.errors import InputError
 from ...base.typing import Number
 from ...base.units import KMH
@@ -22,7 +22,6 @@ from .criteria import (
     HALF_BAND,
     LOWEST,
     MEAN_OVER,
-    NOT_ASSESSED,
     RMS_OVER,
     SECTIONS,
     SHORTEST,
@@ -30,81 +29,11 @@ from .criteria import (
     Given,
 )
 from .record import RunningRecord, check_record, record_of_run
-from .result import one_run, plain, several_runs
+from .result import Acceptance, Finding, Values
 from .signals import by_section, filtered, hunting_frequency, sliding_mean, sliding_rms
-
-Values = Float[np.ndarray, "..."]
 
 #: seconds at either end that are filtered but not assessed
 MARGIN = 5.0
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One quantity of the standard, arrays (*lanes).
-
-    `value` is what is compared with `limit`: the largest of the parts' estimated maxima, or the largest sliding r.m.s. (NaN
-    where there is none). `largest` is the largest value of a single section or window, which was found at `part` (wheelset, axle
-    or bogie, 1 in front) and begins `position` m from the start of the record. `verdict`: "met", "exceeded", "not determined".
-    """
-
-    value: Values
-    limit: Values
-    largest: Values
-    part: Int[np.ndarray, "..."]
-    position: Values
-    verdict: Shaped[np.ndarray, "..."]
-
-
-@dataclass(frozen=True)
-class Acceptance:
-    """Result of `acceptance`: `findings` by the keys of `CRITERIA`, for a run or for each lane of a batch; prints itself."""
-
-    findings: dict[str, Finding]
-    speed: Values  # m/s
-    hunting_frequency: Values  # f0, Hz
-    sections: Int[np.ndarray, "..."]  # number of them
-    section_length: Values  # m
-    minimum_sections: int  # number that a full assessment needs
-    ok: Bool[np.ndarray, "..."]
-    name: str = ""
-
-    @property
-    def verdict(self) -> Shaped[np.ndarray, "..."]:
-        """Over all quantities in the record: "exceeded" if any is, "met" if all are."""
-        each = np.array([finding.verdict for finding in self.findings.values()])
-        return np.where(
-            (each == "exceeded").any(axis=0), "exceeded", np.where((each == "met").all(axis=0), "met", "not determined")
-        )
-
-    @guarded(index=whole(0))
-    def lane(self, index: int) -> "Acceptance":
-        """The result of a single lane, that of number `index`."""
-        if index >= np.size(self.ok):
-            raise InputError(f"index must be below the number of lanes, {np.size(self.ok)}, not {index}")
-        findings = {key: Finding(*(np.asarray(a[index]) for a in vars(f).values())) for key, f in self.findings.items()}
-        arrays = (self.speed, self.hunting_frequency, self.sections, self.section_length)
-        own = (np.asarray(a[index]) for a in arrays)
-        return Acceptance(findings, *own, self.minimum_sections, np.asarray(self.ok[index]), self.name)
-
-    def notes(self) -> list[str]:
-        """What has to be known beside the numbers."""
-        few = self.ok & (self.sections < self.minimum_sections)
-        absent = [criterion.name for key, criterion in CRITERIA.items() if key not in self.findings]
-        return [
-            "In the manner of UIC 518 / EN 14363, on straight track; no certificate. Limits and factors k are recalled; to_dict() names the sources.",
-            *([f"No sound run (diverged, or dt too large): {np.sum(~self.ok)} lane(s)."] if not np.all(self.ok) else []),
-            *([f"Fewer than {self.minimum_sections} sections: too few to estimate a maximum."] if np.any(few) else []),
-            *([f"Not in the record: {', '.join(absent)}."] if absent else []),
-            *(f"Not assessed: {entry}." for entry in NOT_ASSESSED),
-        ]
-
-    def __str__(self) -> str:
-        return several_runs(self) if self.speed.ndim else one_run(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and texts for JSON, SI units: of a batch {"lanes": [...], ...}, of a run the quantities themselves."""
-        return plain(self)
 
 
 def default_section(speed: Number) -> Values:
@@ -125,7 +54,7 @@ def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1
     return acceptance_of_record(record_of_run(vehicle, run), **given, **options)
 
 
-@guarded(record=Kind("ride.acceptance.record.RunningRecord", "a railjax.RunningRecord"))
+@guarded(record=Kind(RunningRecord, "a railjax.RunningRecord"))
 def acceptance_of_record(
     record: RunningRecord,
     *,

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ...base.checks import guarded
+from ...base.arguments import guarded
 from ...base.errors import InputError
 from ...base.typing import Number
 from ...model.kinematics import deflections, layout

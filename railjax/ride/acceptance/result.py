@@ -1,20 +1,92 @@
-"""How an `Acceptance` is printed and turned into JSON."""
+"""The result of an assessment: findings by criterion, printed and as JSON."""
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
 
+from ...base.arguments import guarded
+from ...base.checks import whole
+from ...base.errors import InputError
 from ...base.units import KMH
-from .criteria import CRITERIA, PLACES, RMS_OVER
+from .criteria import CRITERIA, NOT_ASSESSED, PLACES, RMS_OVER
 
-if TYPE_CHECKING:
-    from .assess import Acceptance
+Values = Float[np.ndarray, "..."]
 
 #: SI unit -> printed unit and factor
 PRINTED = {"N": ("kN", 1e-3), "m/s^2": ("m/s^2", 1.0)}
 
 
-def one_run(result: "Acceptance") -> str:
+@dataclass(frozen=True)
+class Finding:
+    """One quantity of the standard, arrays (*lanes).
+
+    `value` is what is compared with `limit`: the largest of the parts' estimated maxima, or the largest sliding r.m.s. (NaN
+    where there is none). `largest` is the largest value of a single section or window, which was found at `part` (wheelset, axle
+    or bogie, 1 in front) and begins `position` m from the start of the record. `verdict`: "met", "exceeded", "not determined".
+    """
+
+    value: Values
+    limit: Values
+    largest: Values
+    part: Int[np.ndarray, "..."]
+    position: Values
+    verdict: Shaped[np.ndarray, "..."]
+
+
+@dataclass(frozen=True)
+class Acceptance:
+    """Result of `acceptance`: `findings` by the keys of `CRITERIA`, for a run or for each lane of a batch; prints itself."""
+
+    findings: dict[str, Finding]
+    speed: Values  # m/s
+    hunting_frequency: Values  # f0, Hz
+    sections: Int[np.ndarray, "..."]  # number of them
+    section_length: Values  # m
+    minimum_sections: int  # number that a full assessment needs
+    ok: Bool[np.ndarray, "..."]
+    name: str = ""
+
+    @property
+    def verdict(self) -> Shaped[np.ndarray, "..."]:
+        """Over all quantities in the record: "exceeded" if any is, "met" if all are."""
+        each = np.array([finding.verdict for finding in self.findings.values()])
+        return np.where(
+            (each == "exceeded").any(axis=0), "exceeded", np.where((each == "met").all(axis=0), "met", "not determined")
+        )
+
+    @guarded(index=whole(0))
+    def lane(self, index: int) -> "Acceptance":
+        """The result of a single lane, that of number `index`."""
+        if index >= np.size(self.ok):
+            raise InputError(f"index must be below the number of lanes, {np.size(self.ok)}, not {index}")
+        findings = {key: Finding(*(np.asarray(a[index]) for a in vars(f).values())) for key, f in self.findings.items()}
+        arrays = (self.speed, self.hunting_frequency, self.sections, self.section_length)
+        own = (np.asarray(a[index]) for a in arrays)
+        return Acceptance(findings, *own, self.minimum_sections, np.asarray(self.ok[index]), self.name)
+
+    def notes(self) -> list[str]:
+        """What has to be known beside the numbers."""
+        few = self.ok & (self.sections < self.minimum_sections)
+        absent = [criterion.name for key, criterion in CRITERIA.items() if key not in self.findings]
+        return [
+            "In the manner of UIC 518 / EN 14363, on straight track; no certificate. Limits and factors k are recalled; to_dict() names the sources.",
+            *([f"No sound run (diverged, or dt too large): {np.sum(~self.ok)} lane(s)."] if not np.all(self.ok) else []),
+            *([f"Fewer than {self.minimum_sections} sections: too few to estimate a maximum."] if np.any(few) else []),
+            *([f"Not in the record: {', '.join(absent)}."] if absent else []),
+            *(f"Not assessed: {entry}." for entry in NOT_ASSESSED),
+        ]
+
+    def __str__(self) -> str:
+        return several_runs(self) if self.speed.ndim else one_run(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and texts for JSON, SI units: of a batch {"lanes": [...], ...}, of a run the quantities themselves."""
+        return plain(self)
+
+
+def one_run(result: Acceptance) -> str:
     """A table: quantity, value, limit, verdict, where in the run."""
     rows = [("quantity", "value", "limit", "unit", "of limit", "verdict", "largest in")]
     for key, found in result.findings.items():
@@ -34,7 +106,7 @@ def one_run(result: "Acceptance") -> str:
     return "\n".join([head, *_aligned(rows), *(f"  {note}" for note in result.notes())])
 
 
-def several_runs(result: "Acceptance") -> str:
+def several_runs(result: Acceptance) -> str:
     """A lane a row, a quantity a column: per cent of the limit; * beyond it, ? where it is not determined."""
     keys = list(result.findings)
     rows = [("lane", "km/h", "f0, Hz", "sections", *keys, "verdict")]
@@ -52,7 +124,7 @@ def several_runs(result: "Acceptance") -> str:
     return "\n".join([head, *_aligned(rows), *(f"  {note}" for note in result.notes())])
 
 
-def plain(result: "Acceptance") -> dict[str, Any]:
+def plain(result: Acceptance) -> dict[str, Any]:
     """The content of `Acceptance.to_dict`."""
     if result.speed.ndim:
         return {"vehicle": result.name, "lanes": [plain(result.lane(k)) for k in range(len(result.speed))]}

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...base.checks import guarded
+from ...base.arguments import guarded
 from ...base.errors import InputError, NumericalError
 from ...base.precision import require_double_precision
 from ...base.units import KMH

@@ -1,7 +1,7 @@
 """Limit cycles over speed, and the branch that they form: what `hunting_branch` finds; it prints and plots itself."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,15 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-from ...base.arguments import ONE_SPEED
+from ...base.arguments import ONE_SPEED, guarded
 from ...base.batches import in_threads, own_axes
-from ...base.checks import FLAG, guarded
+from ...base.checks import FLAG
 from ...base.errors import InputError
 from ...base.host import Answer, HostFunction
+from ...base.style import COLOURS, legend_above
 from ...base.typing import Number
 from ...base.units import KMH
 from ...model.damper import Damper
-from ...model.vehicle import Vehicle, bare
+from ...model.parameters import bare
+from ...model.vehicle import Vehicle
 from ..linear_critical import LinearCritical
 from .continuation import hunting_mode
 from .floquet import Floquet, multipliers_of
@@ -148,9 +150,42 @@ class Branch:
 
     def plot(self, axes: "Axes", ramp: "Ramp | None" = None) -> None:
         """The diagram as engineers draw it: amplitude over km/h, stable solid, unstable dashed, jumps marked."""
-        from ...plots.charts import bifurcation
-
-        bifurcation(axes, self, ramp)
+        hopf = float(self.hopf.speed) * KMH
+        named: set[bool] = set()
+        for piece in self.pieces:
+            for stable, points in _stretches(piece):
+                speeds, heights = (np.array([getattr(p, name) for p in points]) for name in ("speed", "amplitude"))
+                label = ("stable limit cycle" if stable else "unstable limit cycle") if stable not in named else None
+                named.add(stable)
+                style = "-" if stable else (0, (4, 2.5))
+                axes.plot(speeds * KMH, heights * 1e3, color=COLOURS[0], linestyle=style, label=label)
+        left, right = self.speed.min() * KMH - 8.0, self.speed.max() * KMH
+        axes.plot([left, min(hopf, right)], [0, 0], color=COLOURS[0], clip_on=False, zorder=3)
+        if np.isfinite(hopf):
+            axes.plot([hopf, right], [0, 0], color=COLOURS[0], linestyle=(0, (4, 2.5)), clip_on=False, zorder=3)
+            axes.plot(hopf, 0, "o", color=COLOURS[1], clip_on=False, zorder=4, label=f"Hopf point, {hopf:.1f} km/h")
+        fold = self.fold
+        arrow = {"arrowstyle": "-|>", "color": "0.45", "linewidth": 1.0, "shrinkA": 0, "shrinkB": 3}
+        if fold is not None:
+            speed, height = fold.speed * KMH, fold.amplitude * 1e3
+            axes.plot(speed, height, "s", color=COLOURS[1], zorder=4, label=f"fold, {speed:.1f} km/h and {height:.2f} mm")
+            axes.annotate("", (speed, 0.0), (speed, height), arrowprops=arrow)
+            above = [p for p in self.points if p.stable and p.amplitude > 0]
+            if above and np.isfinite(hopf):
+                landing = np.interp(hopf, *np.array(sorted((p.speed * KMH, p.amplitude * 1e3) for p in above)).T)
+                axes.annotate("", (hopf, landing), (hopf, 0.0), arrowprops=arrow)
+        if ramp is not None:
+            axes.plot(
+                ramp.down_speed * KMH, ramp.down_amplitude * 1e3, ".", ms=2.5, color=COLOURS[2], label="simulated ramp down"
+            )
+            axes.plot(ramp.up_speed * KMH, ramp.up_amplitude * 1e3, ".", ms=2.5, color=COLOURS[4], label="simulated ramp up")
+        axes.set(
+            xlabel="speed, km/h",
+            ylabel=f"amplitude of wheelset {self.wheelset + 1}, mm",
+            xlim=(left, right),
+            ylim=(0.0, None),
+        )
+        legend_above(axes, 3)
 
     def to_xarray(self) -> "xarray.Dataset":
         """A labelled dataset over the points."""
@@ -244,3 +279,12 @@ _amplitude = HostFunction(
     (float,),
     lambda given: ((own_axes(given[0][0]), own_axes(given[0][1])), 0),
 )
+
+
+def _stretches(piece: tuple) -> Iterator[tuple[bool, list]]:
+    """Stretches of like stability, each with the first point of the next so that no gap shows."""
+    start = 0
+    for k in range(1, len(piece) + 1):
+        if k == len(piece) or piece[k].stable != piece[start].stable:
+            yield piece[start].stable, list(piece[start : k + 1])
+            start = k

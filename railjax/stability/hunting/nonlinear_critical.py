@@ -9,15 +9,16 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ...base.arguments import guarded
 from ...base.batches import own_axes
-from ...base.checks import guarded
 from ...base.errors import InputError, NumericalError
 from ...base.host import Answer, HostFunction
 from ...base.precision import require_double_precision
 from ...base.units import KMH
 from ...model.damper import Damper
 from ...model.motion import PASSIVE, wheelset_shape
-from ...model.vehicle import Vehicle, bare
+from ...model.parameters import bare
+from ...model.vehicle import Vehicle
 from ...simulation.step_size import STABLE_RADIUS
 from ..linear_critical import HIGHEST, LinearCritical, Stability, linear_critical
 from .continuation import wheelset_mode

@@ -7,13 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from ...base.checks import guarded
+from ...base.arguments import guarded
 from ...base.errors import InputError
 from ...base.precision import require_double_precision
 from ...base.typing import Scalar
 from ...model.damper import Damper
 from ...model.motion import PASSIVE, motion, state_matrix, state_rate, wheelset_shape
-from ...model.vehicle import Vehicle, without_labels
+from ...model.parameters import without_labels
+from ...model.vehicle import Vehicle
 from ..linear_critical import LinearCritical, linear_critical
 
 

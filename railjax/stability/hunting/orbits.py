@@ -21,11 +21,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ...base.compilation import QUICK, one_kernel, options
+from ...base.packing import Form, numbers_of
 from ...base.typing import Number, Scalar
 from ...model.damper import Damper
 from ...model.kinematics import layout, size
 from ...model.motion import motion, state_rate, state_size, wheelset_shape
-from ...model.vehicle import Form, Vehicle, numbers_of, without_labels
+from ...model.parameters import without_labels
+from ...model.vehicle import Vehicle
 from ...simulation.runge_kutta import rk4_in_loop
 from ...simulation.step_size import fastest_rate_on_host
 from ..along_speed import both_at

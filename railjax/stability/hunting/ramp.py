@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ...base.checks import guarded
+from ...base.arguments import guarded
 from ...base.errors import InputError
 from ...base.precision import require_double_precision
 from ...base.units import KMH

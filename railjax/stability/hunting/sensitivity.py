@@ -3,7 +3,8 @@
 import re
 
 from ...base.units import KMH
-from ...model.vehicle import Vehicle, get_parameter, parameters
+from ...model.parameters import get_parameter, parameters
+from ...model.vehicle import Vehicle
 from .limit_cycles import Branch
 from .shooting import BY_AMPLITUDE, Problem, row_of, solved, speed_slopes
 

@@ -16,9 +16,9 @@ from jaxtyping import Array, Float, Int
 
 from ...base.batches import CHUNK, cores, in_threads
 from ...base.compilation import QUICK, one_kernel, options
+from ...base.packing import Form
 from ...model.kinematics import labels, size
 from ...model.motion import held, wheelset_shape
-from ...model.vehicle import Form
 from ...simulation.runge_kutta import rk4_in_loop
 from .orbits import Model, Orbit, Shooting, advanced, pack, state_rates
 from .shooting import Problem, at_speed

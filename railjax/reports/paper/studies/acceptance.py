@@ -3,10 +3,10 @@
 import jax.numpy as jnp
 import numpy as np
 
+from ....base.style import COLOURS, figure
 from ....base.units import KMH
 from ....model.damper import Damper
 from ....model.vehicle import Vehicle
-from ....plots.charts import COLOURS, figure
 from ....ride.acceptance.assess import acceptance
 from ....ride.acceptance.criteria import CRITERIA
 from ....ride.acceptance.record import acceptance_channels

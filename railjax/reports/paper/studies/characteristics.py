@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ....base.style import figure, mark_paper
 from ....dampers import bouc_wen
 from ....dampers.bouc_wen import BoucWen
 from ....dampers.bouc_wen_damper import HybridDamper
-from ....plots.charts import figure, mark_paper
 from ..study import Context, Outcome, Picture, Quantity, Statement, study
 
 PAPER_FORCE = 406.7  # N, Table 5

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ....base.errors import NumericalError
+from ....base.style import COLOURS, figure, legend_above
 from ....base.typing import Scalar
 from ....base.units import KMH
 from ....dampers.controlled import BalanceLogic
@@ -13,7 +14,6 @@ from ....model.damper import Damper, PassiveDamper
 from ....model.track.random import RandomTrack
 from ....model.track.shapes import SinusoidTrack, Track
 from ....model.vehicle import Vehicle
-from ....plots.charts import COLOURS, figure, legend_above
 from ....ride.comfort import comfort
 from ....ride.comfort_result import Comfort
 from ....ride.frequency import frequency_response

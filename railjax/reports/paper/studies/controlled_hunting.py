@@ -3,11 +3,11 @@
 import jax.numpy as jnp
 import numpy as np
 
+from ....base.style import COLOURS, figure, legend_above
 from ....base.units import KMH
 from ....model.damper import Damper, PassiveDamper
 from ....model.motion import PASSIVE, state_size
 from ....model.vehicle import Vehicle
-from ....plots.charts import COLOURS, figure, legend_above
 from ....simulation.simulate import initial_state, simulate
 from ....stability.hunting.branch import hunting_branch
 from ..study import Context, Outcome, Picture, Quantity, Statement, study

@@ -9,12 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ....base.style import COLOURS, figure, legend_above, mark_paper
+from ....base.text import number
 from ....dampers.hardware.design import HybridDesign, design_hybrid
 from ....dampers.hardware.hydraulics import DAN_PER_CM2, active_area, damping_force, disc_area, mr_force_for, size_pilot
 from ....dampers.hardware.magnetic_circuit import carlson_yield_stress, force_of_current
 from ....dampers.hardware.mr_device import MrDevice, active_length, analyse, plate_coefficient, viscous_force, yield_force
-from ....plots.charts import COLOURS, figure, legend_above, mark_paper
-from ..page import number
 from ..study import Context, Outcome, Picture, Quantity, Statement, study
 
 PAPER_FLOW = 1.65e-4  # m^3/s, Table 2, with which the paper goes on

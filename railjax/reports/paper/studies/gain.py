@@ -3,12 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 
+from ....base.style import figure, legend_above
 from ....base.units import KMH
 from ....dampers.controlled import BalanceLogic
 from ....model.damper import Damper, PassiveDamper
 from ....model.track.shapes import SinusoidTrack
 from ....model.vehicle import Vehicle
-from ....plots.charts import figure, legend_above
 from ....simulation.simulate import simulate
 from ..study import Context, Outcome, Picture, Statement, study
 from .passive import PAPER_LINEAR, WAVELENGTH

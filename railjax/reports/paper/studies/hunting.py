@@ -4,8 +4,8 @@ import time
 
 import numpy as np
 
+from ....base.style import figure, legend_above, mark_paper
 from ....base.units import KMH
-from ....plots.charts import figure, legend_above, mark_paper
 from ....simulation.simulate import simulate
 from ....stability.hunting.branch import hunting_branch
 from ....stability.hunting.ramp import speed_ramp

@@ -4,9 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ....base.style import COLOURS, figure, legend_above, mark_paper
 from ....base.units import KMH
-from ....model.vehicle import Vehicle, get_parameter, parameters, replace, set_parameter
-from ....plots.charts import COLOURS, figure, legend_above, mark_paper, tornado
+from ....model.parameters import get_parameter, parameters, replace, set_parameter
+from ....model.vehicle import Vehicle
+from ....plots.charts import tornado
 from ....stability.hunting.nonlinear_critical import Hunting, nonlinear_critical, nonlinear_critical_speed
 from ....stability.hunting.sensitivity import changes, parameter_label
 from ....stability.linear_critical import linear_critical_speed

@@ -3,10 +3,11 @@
 import jax.numpy as jnp
 import numpy as np
 
+from ....base.style import COLOURS, figure, legend_above, mark_paper
 from ....base.units import KMH
 from ....model.track.shapes import SinusoidTrack
 from ....model.vehicle import Vehicle
-from ....plots.charts import COLOURS, figure, histories, legend_above, locus, mark_paper
+from ....plots.charts import histories
 from ....simulation.simulate import Simulation, simulate
 from ....stability.linear_critical import linear_critical, linear_critical_speed
 from ....stability.modes import modes, root_locus
@@ -58,7 +59,7 @@ def critical_speed(context: Context) -> Outcome:
     tracked = root_locus(context.coach, np.linspace(10.0, 300.0, 59) / KMH)
     with figure(height=5.4) as (page, axes):
         mark_paper(axes[0, 0], PAPER_LINEAR, f"paper: linear critical speed {PAPER_LINEAR} km/h", horizontal=False)
-        locus(axes[0, 0], tracked, limit=0.55)
+        tracked.plot(axes[0, 0], limit=0.55)
         axes[0, 0].set_ylim(-5, 60)
     name = at_critical.names[0]
     picture = Picture(

@@ -3,13 +3,13 @@
 import jax.numpy as jnp
 import numpy as np
 
+from ....base.style import figure, legend_above
 from ....base.units import KMH
 from ....dampers.bouc_wen_damper import COACH_FORCE, BoucWenDamper, HybridDamper
 from ....dampers.controlled import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
 from ....model.damper import HARD, SOFT, Damper, PassiveDamper
 from ....model.track.shapes import SinusoidTrack
 from ....model.vehicle import Vehicle
-from ....plots.charts import figure, legend_above
 from ....simulation.simulate import Simulation, simulate
 from ..study import Context, Outcome, Picture, Quantity, Statement, study
 from .passive import PAPER_LINEAR, WAVELENGTH

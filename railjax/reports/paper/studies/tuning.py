@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ....base.style import COLOURS, figure, legend_above
 from ....base.units import KMH
 from ....dampers.controlled import BalanceLogic
 from ....model.damper import SOFT, Damper
 from ....model.motion import PASSIVE
-from ....model.vehicle import Vehicle, YawDamper, get_parameter
-from ....plots.charts import COLOURS, figure, legend_above
+from ....model.parameters import get_parameter
+from ....model.vehicle import Vehicle, YawDamper
 from ....tuning import objectives as aim
 from ....tuning.gain_schedule import schedule_gain
 from ....tuning.pareto import Front, pareto

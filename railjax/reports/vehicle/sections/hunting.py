@@ -7,9 +7,10 @@ import jax
 import numpy as np
 
 from ....base.errors import NumericalError
+from ....base.style import figure
 from ....base.units import KMH
-from ....model.vehicle import parameters
-from ....plots.charts import figure, tornado
+from ....model.parameters import parameters
+from ....plots.charts import tornado
 from ....stability.hunting.sensitivity import changes, fold_gradient, parameter_label
 from ....stability.linear_critical import HIGHEST, linear_critical_speed
 from ....stability.modes import modes

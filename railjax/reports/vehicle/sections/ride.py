@@ -7,15 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ....base.style import COLOURS, figure, legend_above
 from ....base.units import KMH
 from ....dampers.controlled import BalanceLogic, Skyhook
 from ....model.damper import HARD, SOFT, Damper
 from ....model.kinematics import CARBODY_TO_FLOOR, FLOOR_POINTS, is_one_stage
 from ....model.motion import PASSIVE
+from ....model.parameters import without_labels
 from ....model.track.random import RandomTrack
 from ....model.track.spectra import spectrum
-from ....model.vehicle import Vehicle, without_labels
-from ....plots.charts import COLOURS, figure, legend_above
+from ....model.vehicle import Vehicle
 from ....ride.comfort_result import MEAN_SCALE
 from ....ride.frequency import Excitation, excitation, frequency_response
 from ....ride.spectral_comfort import SpectralComfort, spectral_comfort

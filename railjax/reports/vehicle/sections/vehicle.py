@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ....base.style import figure
 from ....base.units import KMH
-from ....model.vehicle import Vehicle, get_parameter, parameters
-from ....plots.charts import figure, locus
+from ....model.parameters import get_parameter, parameters
+from ....model.vehicle import Vehicle
 from ....plots.frames import MODE_AMPLITUDE, of_mode
 from ....plots.top_view import TopView, magnification
 from ....stability.modes import Modes, RootLocus, modes, root_locus
@@ -136,7 +137,7 @@ def loci(subject: Subject) -> Part:
     speeds = np.linspace(*LOCUS, 45) * subject.top
     found = root_locus(subject.vehicle, speeds)
     with figure(rows=2, height=3.9) as (page, axes):
-        locus(axes[0, 0], found, limit=0.5)
+        found.plot(axes[0, 0], limit=0.5)
         axes[0, 0].set_ylim(max(min(-4.0, 100.0 * found.damping_ratio.min()), -30.0), 55.0)
         colours = _plane(axes[1, 0], found)
         page.colorbar(colours, ax=axes[1, 0], label="speed, km/h", pad=0.01)
