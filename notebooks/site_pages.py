@@ -3,7 +3,7 @@ example draws; the notebooks as text; tables of fields, parameters and channels 
 """
 
 import dataclasses
-import importlib
+import functools
 import inspect
 import json
 import os
@@ -87,9 +87,8 @@ def as_text(path: Path) -> str:
 
 
 def resolved(path: str) -> Any:
-    """The object of a dotted path."""
-    module, _, name = path.rpartition(".")
-    return getattr(importlib.import_module(module), name)
+    """The object of a public name, railjax.NAME or railjax.objectives.NAME."""
+    return functools.reduce(getattr, path.split(".")[1:], railjax)
 
 
 def fields_of(kind: Any) -> list[tuple[str, str, str]]:

@@ -63,6 +63,4 @@ def test_the_rules_of_arguments_are_there_when_a_function_needs_them():
     assert {"vehicle", "damper", "track", "run"} <= homes.keys()
     for module, function, name in guarded:
         home = homes.get(name)
-        assert home in (None, module) or graph.find_shortest_chain(module, home), (
-            f"{module}.{function}({name}) without {home}"
-        )
+        assert home in (None, module) or graph.find_shortest_chain(module, home), f"{module}.{function}({name}) without {home}"

@@ -57,7 +57,7 @@ def test_site_builds_without_a_warning(site):
     reference = (site / "api" / "index.html").read_text(encoding="utf-8")
     for name in ("linear_critical_speed", "hunting_branch", "BalanceLogic", "identify_damper"):
         assert 'id="railjax.' in reference
-        assert re.search(rf'id="railjax\.\w+\.{name}"', reference), name
+        assert re.search(rf'id="railjax\.{name}"', reference), name
     assert "carbody_acceleration" in reference
     assert "N s/m per side" in reference  # fields with their units
 

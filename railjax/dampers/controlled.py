@@ -8,7 +8,7 @@ All laws are of one of two kinds, per bogie's pair of dampers (hence the factors
 so that F v >= 0 for every g in [0, 1]: whatever the controller does, energy is only taken out. Two versions of each (`law`):
 
 * "sharp": the controller decides every `sample_time` (1 ms; None: at every step) and holds g until the next, as sampled hardware does
-  (`railjax.sampling`), so that the result does not depend on a dt that divides the sample time: ADD and mixed SH-ADD would chatter
+  (`railjax.dampers.sampling`), so that the result does not depend on a dt that divides the sample time: ADD and mixed SH-ADD would chatter
   at the step instead. sgn v, the damper's own, is held over a step: late by less than one where v turns. Observed order 1 in dt.
 * "smooth": no memory; sgn x is x/√(x² + w²) with the widths `velocity_width` and `signal_width` (in units of the signal, see each law's
   `signal_scale`), g = (1 + sgn D sgn v)/2. Order 4. For gradients and limit cycles; over a 5 mm sinusoid within 1 % of the sharp law

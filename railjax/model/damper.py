@@ -13,7 +13,7 @@ It may have more, where the law needs it:
 * `held(vehicle, travel, velocity, internal, seen)`: the internal states as they go into the next step of a run. A sampled controller
   decides here and keeps its decision, an internal state of rate zero, through the four stages of RK4: a decision made within
   a stage would destroy the order. It is called at the start and after every step, and must not change what it gave itself;
-  `railjax.sampling` holds a decision over a sample time of the controller's own;
+  `railjax.dampers.sampling` holds a decision over a sample time of the controller's own;
 * `extremes(vehicle)`: laws, linear at rest, that bound the rates of its motion where its own linearisation at rest does not;
 * `fault()`: what is wrong with its numbers together, as the end of a message, or None; single ones are checked without it;
 * `even_states`: indices of the internal states that have no side (a valve's opening, not a force), for limit cycles.
@@ -54,7 +54,7 @@ class Seen(NamedTuple):
 @runtime_checkable
 class Damper(Protocol):
     """What `simulate`, `hunting_branch`, `sweep`, `tune` and the rest ask of a damper: a frozen dataclass that is registered as a
-    pytree, with these two. What a law may have beyond them stands at the head of `railjax.dampers`.
+    pytree, with these two. What a law may have beyond them stands at the head of `railjax.model.damper`.
 
     >>> @jax.tree_util.register_dataclass
     ... @dataclass(frozen=True)

@@ -95,7 +95,7 @@ def comfort(
     `sperling_exponent` and `sperling_power` as `exponent` and `power` of `sperling`. Lanes that a simulation marks as failed are NaN.
 
     Raises `InputError` for anything that is no finite number, rates below 100 Hz, records too short, unknown names. Not
-    differentiable: `weighted_rms`, `sperling` and their neighbours in `railjax.vibration` are.
+    differentiable: `weighted_rms`, `sperling` and their neighbours in `railjax.ride.vibration` are.
     """
     places: tuple[str, ...] = ()
     ok: np.ndarray | bool = True

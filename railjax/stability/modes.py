@@ -56,29 +56,6 @@ class Modes:
         """zeta = -Re(lambda)/|lambda|; negative means unstable."""
         return damping_ratios(self.eigenvalues)
 
-    def plot(self, axes: "Axes", limit: float = 0.6, marks: Mapping[str, float] | None = None) -> None:
-        """Damping ratio over speed of the modes that are ever less damped than `limit`; speeds in km/h marked by name."""
-        damping = self.damping_ratio
-        order = np.argsort(damping.min(axis=0))
-        colours: dict[str, str] = {}
-        for k in [k for k in order if damping[:, k].min() < limit]:
-            # twins, alike but for the phase of the bogies, share a colour
-            kind, _, phase = self.names[k].partition(", ")
-            if kind not in colours and len(colours) == len(COLOURS):
-                break
-            colour = colours.setdefault(kind, COLOURS[len(colours) % len(COLOURS)])
-            style = (0, (4, 3)) if phase.startswith("bogies in opposition") else "-"
-            axes.plot(self.speeds * KMH, 100 * damping[:, k], color=colour, linestyle=style, label=self.names[k])
-        axes.axhline(0.0, color="0.2", linewidth=0.8)
-        for (name, speed), style in zip((marks or {}).items(), (":", "-."), strict=False):
-            axes.axvline(speed, color="0.35", linestyle=style, linewidth=1.2, label=f"{name}, {speed:.1f} km/h")
-        axes.set(
-            xlabel="speed, km/h",
-            ylabel="damping ratio, %",
-            xlim=(self.speeds[0] * KMH, self.speeds[-1] * KMH),
-        )
-        legend_above(axes, 2)
-
     def __str__(self) -> str:
         lines = [
             f"Modes at {self.speed * KMH:.1f} km/h",
@@ -215,6 +192,29 @@ class RootLocus:
     def damping_ratio(self) -> Float[np.ndarray, "speeds modes"]:
         """zeta = -Re(lambda)/|lambda|."""
         return damping_ratios(self.eigenvalues)
+
+    def plot(self, axes: "Axes", limit: float = 0.6, marks: Mapping[str, float] | None = None) -> None:
+        """Damping ratio over speed of the modes that are ever less damped than `limit` (a ratio); `marks` are speeds in km/h by the name that they get."""
+        damping = self.damping_ratio
+        order = np.argsort(damping.min(axis=0))
+        colours: dict[str, str] = {}
+        for k in [k for k in order if damping[:, k].min() < limit]:
+            # twins, alike but for the phase of the bogies, share a colour
+            kind, _, phase = self.names[k].partition(", ")
+            if kind not in colours and len(colours) == len(COLOURS):
+                break
+            colour = colours.setdefault(kind, COLOURS[len(colours) % len(COLOURS)])
+            style = (0, (4, 3)) if phase.startswith("bogies in opposition") else "-"
+            axes.plot(self.speeds * KMH, 100 * damping[:, k], color=colour, linestyle=style, label=self.names[k])
+        axes.axhline(0.0, color="0.2", linewidth=0.8)
+        for (name, speed), style in zip((marks or {}).items(), (":", "-."), strict=False):
+            axes.axvline(speed, color="0.35", linestyle=style, linewidth=1.2, label=f"{name}, {speed:.1f} km/h")
+        axes.set(
+            xlabel="speed, km/h",
+            ylabel="damping ratio, %",
+            xlim=(self.speeds[0] * KMH, self.speeds[-1] * KMH),
+        )
+        legend_above(axes, 2)
 
 
 @guarded(speeds=SPEED)

@@ -32,6 +32,39 @@ class Track(Protocol):
         ...
 
 
+def check_track(track: Track) -> None:
+    """Refuse numbers that are not finite and lengths that are not positive, where they are known."""
+    if not dataclasses.is_dataclass(track):
+        return
+    for field in dataclasses.fields(track):
+        key, value = field.name, getattr(track, field.name)
+        if field.metadata.get("static") or value is None or traced(value):
+            continue
+        # NumPy, because under `jit` even constants become tracers of jax.numpy
+        try:
+            array = np.asarray(value, float)
+        except (TypeError, ValueError):
+            array = np.zeros(0)
+        if not array.size:
+            raise InputError(f"track.{key} must be a number, not {shown(value)}")
+        wrong = ~np.isfinite(array)
+        if np.any(wrong):
+            raise InputError(f"track.{key} must be finite, not {array[wrong][0]}")
+        if key in ("wavelength", "length", "spacing", "fade") and not np.all(array > 0):
+            raise InputError(f"track.{key} must be positive (m), not {value}")
+
+
+def a_track(key: str, value: Any) -> None:
+    """A track with an alignment, no spectrum."""
+    if isinstance(value, type) or not isinstance(value, Track):
+        hint = f"; write railjax.RandomTrack({value!r}) for a spectrum" if isinstance(value, str) else ""
+        raise InputError(f"{key} must be a track, like railjax.SinusoidTrack(5e-3, 20.0), not {shown(value)}{hint}")
+    check_track(value)
+
+
+ARGUMENTS["track"] = a_track
+
+
 @guarded()
 def alignment(track: Track, distance: ArrayLike) -> Distances:
     """Lateral alignment eta in m at any `distance` (m, of any shape) along the track."""
@@ -92,36 +125,3 @@ class BumpTrack:
             return 0.5 * self.amplitude * (1.0 - jnp.cos(2.0 * jnp.pi * along))
 
         return at
-
-
-def check_track(track: Track) -> None:
-    """Refuse numbers that are not finite and lengths that are not positive, where they are known."""
-    if not dataclasses.is_dataclass(track):
-        return
-    for field in dataclasses.fields(track):
-        key, value = field.name, getattr(track, field.name)
-        if field.metadata.get("static") or value is None or traced(value):
-            continue
-        # NumPy, because under `jit` even constants become tracers of jax.numpy
-        try:
-            array = np.asarray(value, float)
-        except (TypeError, ValueError):
-            array = np.zeros(0)
-        if not array.size:
-            raise InputError(f"track.{key} must be a number, not {shown(value)}")
-        wrong = ~np.isfinite(array)
-        if np.any(wrong):
-            raise InputError(f"track.{key} must be finite, not {array[wrong][0]}")
-        if key in ("wavelength", "length", "spacing", "fade") and not np.all(array > 0):
-            raise InputError(f"track.{key} must be positive (m), not {value}")
-
-
-def a_track(key: str, value: Any) -> None:
-    """A track with an alignment, no spectrum."""
-    if isinstance(value, type) or not isinstance(value, Track):
-        hint = f"; write railjax.RandomTrack({value!r}) for a spectrum" if isinstance(value, str) else ""
-        raise InputError(f"{key} must be a track, like railjax.SinusoidTrack(5e-3, 20.0), not {shown(value)}{hint}")
-    check_track(value)
-
-
-ARGUMENTS["track"] = a_track

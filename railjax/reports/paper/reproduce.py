@@ -17,6 +17,7 @@ from ...base.compilation import forget_compiled, return_memory
 from ...base.errors import InputError
 from ...base.precision import require_double_precision
 from ...base.source import digest_of_source
+from ...base.text import without_nan
 from ...vehicles.files import load_vehicle
 from . import page as report
 from .study import STUDIES, Context, Outcome, Study
@@ -100,7 +101,7 @@ def reproduce(
             if study.name not in made and (part := _kept(parts / f"{study.name}.json", fingerprint, figures)) is not None
         }
     found = [(study, made[study.name]) for study in listed if study.name in made]
-    results = report.without_nan(_collect([part for _, part in found]))
+    results = without_nan(_collect([part for _, part in found]))
     pictures = [
         {
             **picture,
