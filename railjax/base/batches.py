@@ -6,9 +6,9 @@ A lane is one simulation of a batch; it lives on the trailing axis of every arra
 import dataclasses
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -58,81 +58,125 @@ def use_all_cores() -> None:
 
 
 def own_axes(tree: Any) -> Any:
-    """For each leaf, how many axes it has of its own, before any lanes (a field's `axes` metadata, else 0)."""
-    leaves, structure = jax.tree.flatten(tree)
-    if not dataclasses.is_dataclass(tree):
-        return structure.unflatten([0] * len(leaves))
-    axes: list[int] = []
-    for field in dataclasses.fields(tree):
-        value = getattr(tree, field.name)
-        if field.metadata.get("static"):
-            continue
-        below = jax.tree.leaves(own_axes(value))
-        axes += [field.metadata["axes"]] * len(below) if "axes" in field.metadata else below
-    return structure.unflatten(axes)
+    """For each leaf, how many axes it has of its own, before any lanes: a field's `axes` metadata, else 0; through tuples and dictionaries."""
+    if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
+        axes: list[int] = []
+        for field in dataclasses.fields(tree):
+            if field.metadata.get("static"):
+                continue
+            value = getattr(tree, field.name)
+            below = jax.tree.leaves(own_axes(value))
+            axes += [field.metadata["axes"]] * len(below) if "axes" in field.metadata else below
+        return jax.tree.structure(tree).unflatten(axes)
+    if isinstance(tree, Mapping):
+        return {key: own_axes(value) for key, value in tree.items()}
+    if isinstance(tree, (tuple, list)):
+        inner = [own_axes(value) for value in tree]
+        return type(tree)(*inner) if hasattr(tree, "_fields") else type(tree)(inner)
+    return jax.tree.map(lambda _: 0, tree)
 
 
-def count_lanes(trees: Any, axes: Any) -> int | None:
-    """The number of lanes that the leaves share, None if none has any. Raises `InputError` if they disagree."""
-    counts = set()
-    for leaf, own in zip(jax.tree.leaves(trees), jax.tree.leaves(axes), strict=True):
-        shape = jnp.shape(leaf)
-        if len(shape) > own + 1:
-            raise InputError(f"an array of shape {shape} has more than one axis of lanes; flatten the grid first")
-        if len(shape) == own + 1:
-            counts.add(shape[-1])
-    if len(counts) > 1:
-        raise InputError(f"arrays with different numbers of lanes in one batch: {sorted(counts)}")
-    return counts.pop() if counts else None
+class Batch(NamedTuple):
+    """Arguments of a function of one lane. A leaf carries the lanes, if it has them, on an axis after its own."""
 
+    trees: tuple
+    axes: tuple  # of each leaf, its own, before lanes
+    lanes: int | None  # None: a single lane, without an axis for it
 
-def over_lanes(
-    function: Callable[[Any], Any],
-    trees: Any,
-    axes: Any,
-    lanes: int,
-    chunk: int = CHUNK,
-    spread: bool = False,
-) -> Any:
-    """`function(trees)` for all lanes: chunk by chunk; each output carries its lanes on the last axis.
+    @classmethod
+    def of(cls, *trees: Any, own: Mapping[int, Any] | None = None) -> "Batch":
+        """Of the arguments; `own` gives the axes of those that do not tell them (`own_axes`), by their place. Raises `InputError`
+        where they have different numbers of lanes."""
+        axes = tuple(own[k] if own and k in own else own_axes(tree) for k, tree in enumerate(trees))
+        counts = set()
+        for leaf, ours in zip(jax.tree.leaves(trees), jax.tree.leaves(axes), strict=True):
+            shape = jnp.shape(leaf)
+            if len(shape) > ours + 1:
+                raise InputError(f"an array of shape {shape} has more than one axis of lanes; flatten the grid first")
+            if len(shape) == ours + 1:
+                counts.add(shape[-1])
+        if len(counts) > 1:
+            raise InputError(f"arrays with different numbers of lanes in one batch: {sorted(counts)}")
+        return cls(trees, axes, counts.pop() if counts else None)
 
-    The last chunk is filled up with copies of the last lane, which are dropped. With `spread`, and outside of transformations,
-    the chunks are spread over all devices and each device's share becomes one kernel; `function` must be the same object in
-    every call then, as it is compiled only once, and may not call LAPACK (whose own threads deadlock with those of two CPU
-    devices at work; seen with JAX 0.10.1).
-    """
-    leaves, structure = jax.tree.flatten(trees)
-    batched = tuple(jnp.ndim(leaf) > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True))
-    if not spread or traced(leaves):
-        prepare, work, finish = _stages(function, structure, batched, lanes, chunk, 1)
-    else:
-        devices = len(jax.local_devices())
-        prepare, work, finish = _compiled_stages(function, structure, batched, lanes, chunk, devices)
-    return finish(work(*prepare(leaves)))
+    @property
+    def carrying(self) -> tuple[bool, ...]:
+        """Which leaves have lanes."""
+        return tuple(jnp.ndim(leaf) > own for leaf, own in zip(*map(jax.tree.leaves, (self.trees, self.axes)), strict=True))
+
+    def take(self, index: Any) -> tuple:
+        """The arguments of one lane (an integer), or of several (an array of integers)."""
+        return jax.tree.map(lambda leaf, own: leaf[..., index] if jnp.ndim(leaf) > own else leaf, self.trees, self.axes)
+
+    def each(self, function: Callable[..., Any]) -> Any:
+        """`function(*trees)`, which is written for one lane, of each (`vmap`); outputs carry lanes on the last axis."""
+        if self.lanes is None:
+            return function(*self.trees)
+        mapped = jax.tree.map(lambda leaf, own: -1 if jnp.ndim(leaf) > own else None, self.trees, self.axes)
+        return jax.vmap(function, in_axes=mapped, out_axes=-1)(*self.trees)
+
+    def in_chunks(self, function: Callable[..., Any], chunk: int = CHUNK, spread: bool = False) -> Any:
+        """`function(*trees)` of the lanes, chunk by chunk; outputs carry lanes on the last axis.
+
+        The last chunk is filled up with copies of the last lane, which are dropped. With `spread`, and outside of transformations,
+        the chunks are spread over all devices and each device's share becomes one kernel; `function` must be the same object in
+        every call then, as it is compiled only once, and may not call LAPACK (whose own threads deadlock with those of two CPU
+        devices at work; seen with JAX 0.10.1).
+        """
+        assert self.lanes is not None
+        leaves, structure = jax.tree.flatten(self.trees)
+        if not spread or traced(leaves):
+            prepare, work, finish = _stages(function, structure, self.carrying, self.lanes, chunk, 1)
+        else:
+            devices = len(jax.local_devices())
+            prepare, work, finish = _compiled_stages(function, structure, self.carrying, self.lanes, chunk, devices)
+        return finish(work(*prepare(leaves)))
+
+    def by_device(self, function: Callable[..., Any], chunk: int | None = None) -> Any:
+        """`function(*trees)` of each device's share of the lanes, all of them at once or in chunks; outputs carry lanes on the last axis."""
+        assert self.lanes is not None
+        leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, self.trees))
+        stages = _stages(function, structure, self.carrying, self.lanes, chunk or self.lanes, len(jax.local_devices()))
+        prepare, work, finish = stages
+        return finish(_on_devices(work)(*prepare(leaves)))
+
+    def one_by_one(self, function: Callable[..., Any]) -> Any:
+        """`function(*trees)` of one lane after another, for what branches or calls LAPACK; outputs carry lanes on the last axis.
+
+        The lanes are shared out among the devices, each of which takes its own one by one.
+        """
+        if self.lanes is None:
+            return function(*self.trees)
+
+        def single(*chunk: Any) -> Any:
+            lone = Batch(chunk, self.axes, 1).take(0)
+            return jax.tree.map(lambda leaf: leaf[..., None], function(*lone))
+
+        return self.by_device(single, chunk=1)
 
 
 @functools.cache
 def alone(
-    function: Callable[[Any], Any], derived: Callable[[Any], Any], axes_of: Callable[..., Any], chunk: int, spread: bool
-) -> Callable[[Any], Any]:
-    """`function(trees)` of one lane, of which a user's `jax.vmap` makes `over_lanes` instead of one array wider than the cache.
+    function: Callable[..., Any], derived: Callable[..., Any], batch_of: Callable[..., Batch], chunk: int, spread: bool
+) -> Callable[..., Any]:
+    """`function(*trees)` of one lane, of which a user's `jax.vmap` makes `batch_of(*trees)` in chunks instead of one array wider than
+    the cache.
 
-    `axes_of(*trees)` gives the axes of `own_axes`; all leaves are floating-point arrays. Derivatives are those of `derived`, around
-    `custom_vmap`, which has no reverse mode.
+    All leaves are floating-point arrays. Derivatives are those of `derived`, around `custom_vmap`, which has no reverse mode.
     """
     single = jax.custom_batching.custom_vmap(function)
 
     @single.def_vmap
-    def _many(lanes: int, batched: list, trees: Any) -> tuple[Any, Any]:
-        last = jax.tree.map(lambda leaf, lane: jnp.moveaxis(leaf, 0, -1) if lane else leaf, trees, batched[0])
-        result = over_lanes(function, last, axes_of(*trees), lanes, chunk, spread)
+    def _many(lanes: int, batched: list, *trees: Any) -> tuple[Any, Any]:
+        last = jax.tree.map(lambda leaf, lane: jnp.moveaxis(leaf, 0, -1) if lane else leaf, trees, tuple(batched))
+        result = batch_of(*last).in_chunks(function, chunk, spread)
         return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), result), jax.tree.map(lambda _: True, result)
 
     return with_derivative_of(derived, single)
 
 
-def with_derivative_of(derived: Callable[[Any], Any], function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """`function(trees)`; where it is differentiated, `derived(trees)`, which is the same written so that it has good derivatives."""
+def with_derivative_of(derived: Callable[..., Any], function: Callable[..., Any]) -> Callable[..., Any]:
+    """`function(*trees)`; where it is differentiated, `derived(*trees)`, which is the same written so that it has good derivatives."""
     whole = jax.custom_jvp(function)
 
     @functools.partial(whole.defjvp, symbolic_zeros=True)
@@ -151,7 +195,7 @@ def with_derivative_of(derived: Callable[[Any], Any], function: Callable[[Any], 
 
 
 def _stages(
-    function: Callable[[Any], Any],
+    function: Callable[..., Any],
     structure: Any,
     batched: tuple[bool, ...],
     lanes: int,
@@ -172,7 +216,7 @@ def _stages(
     def work(shared: list, moved: list) -> Any:
         def one_chunk(pieces: list) -> Any:
             here, alike = iter(pieces), iter(shared)
-            return function(structure.unflatten([next(here) if lane else next(alike) for lane in batched]))
+            return function(*structure.unflatten([next(here) if lane else next(alike) for lane in batched]))
 
         return jax.lax.map(one_chunk, moved)
 
@@ -207,32 +251,3 @@ def _joined(leaf: jax.Array) -> jax.Array:
     """(chunks, ..., chunk) -> (..., chunks * chunk)."""
     leaf = jnp.moveaxis(leaf, 0, -2)
     return leaf.reshape((*leaf.shape[:-2], -1))
-
-
-def by_device(function: Callable[[Any], Any], trees: Any, axes: Any, chunk: int | None = None) -> Any:
-    """`function(trees)` of each device's share of the lanes, all of them at once or in chunks; outputs carry lanes on the last axis."""
-    leaves, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, trees))
-    batched = tuple(leaf.ndim > own for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True))
-    lanes = count_lanes(trees, axes)
-    prepare, work, finish = _stages(function, structure, batched, lanes, chunk or lanes, len(jax.local_devices()))
-    return finish(_on_devices(work)(*prepare(leaves)))
-
-
-def one_by_one(function: Callable[[Any], Any], trees: Any, axes: Any) -> Any:
-    """`function(trees)` for one lane after another, for what branches or calls LAPACK; outputs carry lanes on the last axis.
-
-    The lanes are shared out among the devices, each of which takes its own one by one.
-    """
-
-    def single(chunk: Any) -> Any:
-        leaves, structure = jax.tree.flatten(chunk)
-        lone = [leaf[..., 0] if leaf.ndim > own else leaf for leaf, own in zip(leaves, jax.tree.leaves(axes), strict=True)]
-        return jax.tree.map(lambda leaf: leaf[..., None], function(structure.unflatten(lone)))
-
-    return by_device(single, trees, axes, chunk=1)
-
-
-def each_lane(function: Callable[..., Any], trees: tuple, axes: tuple) -> Any:
-    """`function(*trees)` lane by lane (`vmap`), for what is written for a single vehicle."""
-    mapped = jax.tree.map(lambda leaf, own: -1 if jnp.ndim(leaf) > own else None, trees, axes)
-    return jax.vmap(function, in_axes=mapped, out_axes=-1)(*trees)

@@ -13,6 +13,7 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching
 
+from .batches import own_axes
 from .errors import InputError
 
 
@@ -31,12 +32,11 @@ Many = Callable[[Sequence[Any], bool], Answer]
 class HostFunction:
     """`many` as a function of a tree whose leaves may carry lanes on an axis after their own.
 
-    `name` says in messages what cannot be traced; `own` gives, for each leaf of the tree, its number of axes before lanes;
-    `options` of a call are handed on to `many`, after the lanes and the wish for slopes.
+    `name` says in messages what cannot be traced; `options` of a call are handed on to `many`, after the lanes and the wish for slopes.
     """
 
-    def __init__(self, name: str, many: Callable[..., Answer], outputs: Sequence[type], own: Callable[[Any], Any]) -> None:
-        self.name, self.many, self.outputs, self.own = name, many, tuple(outputs), own
+    def __init__(self, name: str, many: Callable[..., Answer], outputs: Sequence[type]) -> None:
+        self.name, self.many, self.outputs = name, many, tuple(outputs)
         self._differentiable = jax.custom_jvp(self._values, nondiff_argnums=(0,))
         self._differentiable.defjvp(self._derivative)
 
@@ -52,7 +52,7 @@ class HostFunction:
         found = self._bound(options, tree, True)
         values, slopes = found[: len(self.outputs)], found[len(self.outputs) :]
         leaves, changes = jax.tree.leaves(tree), jax.tree.leaves(change)
-        own = jax.tree.leaves(self.own(tree))
+        own = jax.tree.leaves(own_axes(tree))
         floats = [k for k, leaf in enumerate(leaves) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating)]
         moved = sum(jnp.sum(slope * changes[k], axis=tuple(range(own[k]))) for slope, k in zip(slopes, floats, strict=True))
         moved = jnp.where(jnp.isfinite(values[0]), moved, 0.0)  # a lane without a value spoils no derivative of what is shared
@@ -64,7 +64,7 @@ class HostFunction:
 
     def _bound(self, options: tuple, tree: Any, slopes: bool) -> list[jax.Array]:
         leaves, structure = jax.tree.flatten(tree)
-        axes = tuple(jax.tree.leaves(self.own(tree)))
+        axes = tuple(jax.tree.leaves(own_axes(tree)))
         lanes = tuple(jnp.ndim(leaf) > own for leaf, own in zip(leaves, axes, strict=True))
         call = _Call(self, options, structure, axes, lanes, slopes)
         return _host.bind(*leaves, call=call)

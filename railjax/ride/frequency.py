@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..base.arguments import ARGUMENTS, guarded
-from ..base.batches import count_lanes, each_lane, own_axes
+from ..base.batches import Batch
 from ..base.checks import Kind, a_name, traced
 from ..base.compilation import eig
 from ..base.errors import InputError, NumericalError
@@ -224,10 +224,8 @@ def transfers(
 ) -> tuple[Float[Array, "waves ..."], dict[str, Complex[Array, "waves ..."]], Float[Array, "..."]]:
     """Frequencies (Hz), transfer functions of the channels at wavenumbers (rad/m), and the largest growth rate (1/s)."""
     vehicle, damper = bare(vehicle, damper)
-    trees = (vehicle, as_numbers(speed), wavenumber, damper)
-    axes = (own_axes(vehicle), 0, 1, own_axes(damper))
-    function = functools.partial(_transfers, record=record)
-    return function(*trees) if count_lanes(trees, axes) is None else each_lane(function, trees, axes)
+    batch = Batch.of(vehicle, as_numbers(speed), wavenumber, damper, own={2: 1})
+    return batch.each(functools.partial(_transfers, record=record))
 
 
 @functools.partial(jax.jit, static_argnames="record")

@@ -15,12 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..base.batches import chunk_for, over_lanes
+from ..base.batches import Batch, chunk_for
 from ..base.compilation import QUICK, one_kernel, options
 from ..base.fields import structure
 from ..base.packing import Packed
 from .channels import CHANNELS, parse_reduction, rows_of_motion, rows_of_state, shape_of
-from .integrate import STATES, Block, Plan, Progress, Run, advance, burst_of, parameter_axes, read
+from .integrate import STATES, Block, Plan, Progress, Run, advance, burst_of, read
 
 #: samples of a block, the same for runs of any length; of a batch fewer, what takes about `ROOM` bytes
 FEWEST_SAMPLES, SAMPLES = 64, 1024
@@ -78,9 +78,8 @@ def channels_of(
         if states.ndim == 2:
             rows = _read_alone(Packed.of(parameters), states, *numbers)
         else:
-            axes = (*parameter_axes(*parameters), 2, 0, 0, 0, 0)
             states = np.asarray(states)  # not spread over devices, which would compile anew
-            rows = over_lanes(_read, (*parameters, states, *numbers), axes, states.shape[2], chunk, spread=True)
+            rows = Batch.of(*parameters, states, *numbers, own={len(parameters): 2}).in_chunks(read, chunk, spread=True)
         rows, others = np.asarray(rows)[:count], rows_of_motion(vehicle)
         found |= {name: rows[:, others[name]] for name in names if name in others}
     return {name: found[name] if shape_of(name, vehicle) else found[name][:, 0] for name in names}
@@ -91,10 +90,6 @@ def joined(pieces: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     if len(pieces) == 1:
         return pieces[0]
     return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
-
-
-def _read(trees: tuple) -> jax.Array:
-    return read(*trees)
 
 
 @functools.partial(jax.jit, compiler_options=QUICK)
@@ -114,7 +109,7 @@ def room_for(bytes_of_sample: int, lanes: int | None) -> int:
 def _block(block: Block) -> Callable[[tuple], tuple[Run, Progress]]:
     """One run, or all lanes of a chunk together; the same object for the same block."""
 
-    def function(trees: tuple) -> tuple[Run, Progress]:
+    def function(*trees: Any) -> tuple[Run, Progress]:
         *parameters, progress, dt, settle, first, count, bursts = trees
         shape = progress.diverged.shape
         x = progress.x
@@ -128,7 +123,7 @@ def _block(block: Block) -> Callable[[tuple], tuple[Run, Progress]]:
 
 @functools.cache
 def _block_alone(block: Block) -> Callable[..., tuple[Run, Progress]]:
-    kernel = one_kernel(lambda packed, *rest: _block(block)((*packed.unpacked(), *rest)))
+    kernel = one_kernel(lambda packed, *rest: _block(block)(*packed.unpacked(), *rest))
     return jax.jit(kernel, compiler_options=options(QUICK))
 
 
@@ -153,10 +148,10 @@ def finished(
     if lanes is None:
         work = functools.partial(_block_alone(block), Packed.of(parameters))
     else:
-        axes = (*parameter_axes(*parameters), Progress(1, tuple(s.ndim - 1 for s in sums), 0), 0, 0, 0, 0, 0)
+        own = {len(parameters): Progress(1, tuple(s.ndim - 1 for s in sums), 0)}
 
         def work(*rest: Any) -> tuple[Run, Progress]:
-            return over_lanes(_block(block), (*parameters, *rest), axes, lanes, chunk, spread=True)
+            return Batch.of(*parameters, *rest, own=own).in_chunks(_block(block), chunk, spread=True)
 
     pieces, states = [], []
     for first in range(0, plan.samples, room):

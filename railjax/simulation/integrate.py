@@ -57,12 +57,6 @@ class Inputs(NamedTuple):
     slowness: Float[Array, "..."] | None  # None where the speed is constant
 
 
-def parameter_axes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track) -> tuple:
-    """Axes of their own, before lanes, of the leaves of each."""
-    of_speed = jax.tree.map(lambda _: 1, speed) if isinstance(speed, SpeedProfile) else 0
-    return own_axes(vehicle), own_axes(damper), of_speed, own_axes(track)
-
-
 def largest_divisor(number: int, limit: int) -> int:
     """The largest divisor of `number` not above `limit`."""
     return next(d for d in range(min(number, limit), 0, -1) if number % d == 0)  # at most 1e5 trials: limits are roots
@@ -154,8 +148,8 @@ class _Stepper:
 
 def _no_number(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, *rest: Scalar) -> Bool[Array, "..."]:
     """Whether a parameter is not a number. It also gives each one a use: XLA aborts on an argument of its kernel that it can do without."""
-    axes = (*parameter_axes(vehicle, damper, speed, track), *(0 for _ in rest))
-    return no_number((vehicle, damper, speed, track, *rest), axes)
+    given = vehicle, damper, speed, track, *rest
+    return no_number(given, own_axes(given))
 
 
 def _within(parts: list[Array]) -> Bool[Array, "..."]:

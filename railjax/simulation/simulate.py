@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..base.arguments import guarded
-from ..base.batches import alone, by_device, chunk_for, count_lanes, each_lane, over_lanes, own_axes, with_derivative_of
+from ..base.batches import Batch, alone, chunk_for, with_derivative_of
 from ..base.checks import traced
 from ..base.errors import InputError
 from ..base.packing import as_numbers
@@ -24,7 +24,7 @@ from ..model.track.shapes import TangentTrack, Track
 from ..model.vehicle import Vehicle
 from .blocks import Sampled, finished, lane_shape, wheelsets_flat
 from .channels import CHANNELS, check_channel, has_channel, parse_reduction
-from .integrate import Plan, Run, parameter_axes, run
+from .integrate import Plan, Run, run
 from .result import Result, Simulation
 from .speed import Speed, SpeedProfile, a_speed
 from .step_size import STABLE_RADIUS, fastest_rate, fastest_rate_on_host
@@ -90,7 +90,7 @@ def _known(
     vehicle, damper, speed, _ = parameters
     x = np.asarray(x)
     alone = x.ndim == 1 and all(leaf.ndim == 0 for leaf in jax.tree.leaves(parameters))  # mostly; then without a look at the axes
-    lanes = None if alone else count_lanes((*parameters, x), (*parameter_axes(*parameters), 1))
+    lanes = None if alone else _batch(*parameters, x).lanes
     slowest = np.min(speed.speed, axis=0) if isinstance(speed, SpeedProfile) else speed
     fastest = _fastest_known(vehicle, slowest, damper, STABLE_RADIUS / dt)
     too_large = dt * fastest > STABLE_RADIUS
@@ -113,22 +113,22 @@ def _traced(parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, c
     fastest = _fastest(vehicle, speed, damper, STABLE_RADIUS / dt, spread=False)
     holds = dt * fastest <= STABLE_RADIUS  # a number, as all that `alone` takes
     trees = jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), (*parameters, x, dt, settle, holds))
-    axes = _axes(*trees)
-    lanes = count_lanes(trees, axes)
+    batch = _batch(*trees)
     # in a transformation it is the outermost function that can be one kernel (`railjax.jit`)
-    if lanes is None:
-        result, code = alone(_run(plan, False), _run(plan, True), _axes, chunk, spread=True)(trees)
+    if batch.lanes is None:
+        result, code = alone(_run(plan, False), _run(plan, True), _batch, chunk, spread=True)(*trees)
     else:
-        several = (
-            functools.partial(over_lanes, _run(plan, guarded), axes=axes, lanes=lanes, chunk=chunk) for guarded in (True, False)
-        )
-        result, code = with_derivative_of(*several)(trees)
+
+        def lanes_of(one: Callable[..., Any]) -> Callable[..., Any]:
+            return lambda *given: _batch(*given).in_chunks(one, chunk)
+
+        result, code = with_derivative_of(lanes_of(_run(plan, True)), lanes_of(_run(plan, False)))(*trees)
     return result, jnp.where(holds, code, int(Result.STEP_TOO_LARGE)), None
 
 
-def _axes(vehicle: Vehicle, damper: Damper, speed: Speed, track: Track, *_: Any) -> tuple:
-    """Axes of their own, before lanes, of the leaves of vehicle, damper, speed, track, state, dt, settle and whether dt holds."""
-    return *parameter_axes(vehicle, damper, speed, track), 1, 0, 0, 0
+def _batch(*trees: Any) -> Batch:
+    """Of vehicle, damper, speed, track, the state, and numbers."""
+    return Batch.of(*trees, own={4: 1})
 
 
 @functools.cache
@@ -137,9 +137,8 @@ def _run(plan: Plan, guarded: bool) -> Callable[[tuple], tuple[Run, Array]]:
     computed: it would spoil derivatives. Without them that is not worth the wait for the check of dt."""
 
     @jax.jit
-    def function(trees: tuple) -> tuple[Run, Array]:
-        axes = _axes(*trees)
-        x = trees[4]
+    def function(*trees: Any) -> tuple[Run, Array]:
+        axes, x = _batch(*trees).axes, trees[4]
         *parameters, dt, settle, holds = (jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), tree) for tree in trees)
         vehicle, damper, speed, track, _ = parameters
         shape = jnp.broadcast_shapes(*[lane_shape(t, a) for t, a in zip(trees, axes, strict=True)])
@@ -158,20 +157,12 @@ FEW_LANES = 16
 
 def _fastest_known(vehicle: Vehicle, slowest: Any, damper: Damper, enough: float) -> Float[np.ndarray, "..."]:
     """`_fastest` of known numbers."""
-    trees = vehicle, slowest, damper
-    axes = _rate_axes(*trees)[:3]
-    lanes = count_lanes(trees, axes)
-    if lanes is None:
-        return np.asarray(fastest_rate_on_host(*trees, enough))
-    if lanes > FEW_LANES:
-        return np.asarray(_fastest(*trees, np.asarray(enough), spread=True))
-
-    def one(k: int) -> float:
-        return fastest_rate_on_host(
-            *jax.tree.map(lambda leaf, own: leaf[..., k] if leaf.ndim > own else leaf, trees, axes), enough
-        )
-
-    return np.array([one(k) for k in range(lanes)])
+    batch = Batch.of(vehicle, slowest, damper)
+    if batch.lanes is None:
+        return np.asarray(fastest_rate_on_host(*batch.trees, enough))
+    if batch.lanes > FEW_LANES:
+        return np.asarray(_fastest(*batch.trees, np.asarray(enough), spread=True))
+    return np.array([fastest_rate_on_host(*batch.take(k), enough) for k in range(batch.lanes)])
 
 
 #: lanes whose dt is checked together: their matrices stay in cache
@@ -183,22 +174,14 @@ def _fastest(vehicle: Vehicle, speed: Speed, damper: Damper, enough: Scalar, spr
     """Fastest rate of each lane, 1/s, at the lowest speed; loosely where it is surely below `enough`. With `spread` on all devices."""
     slowest = jnp.min(speed.speed) if isinstance(speed, SpeedProfile) else speed
     trees = jax.tree.map(lambda leaf: jax.lax.stop_gradient(jnp.asarray(leaf, float)), (vehicle, slowest, damper, enough))
-    axes = _rate_axes(*trees)
-    lanes = count_lanes(trees, axes)
-    if lanes is None:
-        return alone(_fastest_of, _fastest_of, _rate_axes, CHECKED, spread=False)(trees)
-    if spread:
-        return by_device(_fastest_of, trees, axes, CHECKED)
-    return over_lanes(_fastest_of, trees, axes, lanes, CHECKED)
+    batch = Batch.of(*trees)
+    if batch.lanes is None:
+        return alone(_fastest_of, _fastest_of, Batch.of, CHECKED, spread=False)(*trees)
+    return batch.by_device(_fastest_of, CHECKED) if spread else batch.in_chunks(_fastest_of, CHECKED)
 
 
-def _rate_axes(vehicle: Vehicle, slowest: Scalar, damper: Damper, *_: Scalar) -> tuple:
-    return own_axes(vehicle), 0, own_axes(damper), 0
-
-
-def _fastest_of(trees: tuple) -> Array:
-    axes = _rate_axes(*trees)
-    return fastest_rate(*trees) if count_lanes(trees, axes) is None else each_lane(fastest_rate, trees, axes)
+def _fastest_of(*trees: Any) -> Array:
+    return Batch.of(*trees).each(fastest_rate)
 
 
 def initial_state(vehicle: Vehicle, damper: Damper, initial: Mapping[str, Any] | ArrayLike | None) -> Float[Array, "states ..."]:

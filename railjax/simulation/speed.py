@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from ..base.arguments import SPEED, guarded
 from ..base.checks import Range, Rising, positive, traced
 from ..base.errors import InputError
+from ..base.fields import table
 from ..base.typing import Number, Scalar
 
 #: of a profile, one axis for its points
@@ -39,8 +40,8 @@ class SpeedProfile:
     `SpeedProfile([0, 60], [70, 62])` is a slow ramp down.
     """
 
-    time: Number
-    speed: Number
+    time: Number = table("s", "t", "times of the profile's points")
+    speed: Number = table("m/s", "v", "speeds of the profile's points")
 
     @guarded(self=in_order, time=TIME)
     def at(self, time: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..base.batches import each_lane, own_axes
+from ..base.batches import Batch
 from ..base.packing import Form, numbers_of
 from ..model.damper import Damper
 from ..model.motion import state_matrix
@@ -38,14 +38,11 @@ def along_speed(vehicle: Vehicle, damper: Damper, flange: bool = False) -> Along
 
 def lanes_along_speed(trees: tuple, together: int) -> Callable[..., Float[np.ndarray, "speeds lanes s s"]]:
     """The function (speeds (m/s), first, last) -> E of the lanes [first, last) of a vehicle and its damper, at most `together`."""
-    leaves, structure = jax.tree.flatten(trees)
-    own = [axes for tree in trees for axes in jax.tree.leaves(own_axes(tree))]
-    leaves = [np.asarray(leaf) for leaf in leaves]
+    batch = Batch.of(*jax.tree.map(np.asarray, trees))
 
     def at(speeds: Float[np.ndarray, "speeds"], first: int, last: int) -> Float[np.ndarray, "speeds lanes s s"]:
         index = np.minimum(np.arange(first, first + together), last - 1)
-        taken = [leaf[..., index] if leaf.ndim > axes else leaf for leaf, axes in zip(leaves, own, strict=True)]
-        return np.moveaxis(np.asarray(_matrices_of_lanes(structure.unflatten(taken), speeds)), -1, 1)[:, : last - first]
+        return np.moveaxis(np.asarray(_matrices_of_lanes(batch.take(index), speeds)), -1, 1)[:, : last - first]
 
     return at
 
@@ -55,7 +52,7 @@ def _matrices_of_lanes(trees: tuple, speeds: Float[Array | np.ndarray, "speeds"]
     def of(vehicle: Vehicle, damper: Damper) -> Float[Array, "speeds s s"]:
         return jax.vmap(lambda speed: state_matrix(vehicle, speed, damper))(speeds)
 
-    return each_lane(of, trees, tuple(own_axes(tree) for tree in trees))
+    return Batch.of(*trees).each(of)
 
 
 def both_at(vehicle: Vehicle, speed: float, damper: Damper) -> Float[np.ndarray, "2 s s"]:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from ..base.arguments import ARGUMENTS, guarded
-from ..base.batches import count_lanes, each_lane, in_threads, one_by_one, own_axes
+from ..base.batches import Batch, in_threads
 from ..base.checks import Kind, traced
 from ..base.errors import NumericalError
 from ..base.failed_lanes import without_nan
@@ -94,11 +94,7 @@ def linear_critical(
     """As `linear_critical_speed`, `lowest` and `highest` in m/s too, with frequency and result code instead of errors."""
     require_double_precision("the linear critical speed")
     trees = bare(vehicle, damper)
-    return _found(count_lanes(trees, _axes(trees)), trees, lowest, highest)[0]
-
-
-def _axes(trees: tuple) -> tuple:
-    return tuple(own_axes(tree) for tree in trees)
+    return _found(Batch.of(*trees).lanes, trees, lowest, highest)[0]
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -127,9 +123,7 @@ def _rates(
     vectors with w^T x = 1."""
 
     def eigenvalue(trees: tuple) -> Complex[Array, "..."]:
-        if lanes is None:
-            return _rayleigh(*trees, at)
-        return each_lane(_rayleigh, (*trees, at), (*_axes(trees), Crossing(0, 0, 0, 1, 1)))
+        return Batch.of(*trees, at, own={len(trees): Crossing(0, 0, 0, 1, 1)}).each(_rayleigh)
 
     change = jax.jvp(eigenvalue, (without_nan(trees),), (moved,))[1]
     speed = -change.real / at.by_speed.real
@@ -174,18 +168,15 @@ def _compiled(
 ) -> tuple[LinearCritical, Crossing]:
     """Where numbers are not known yet, or mapped over by the user: lane after lane, as LAPACK takes them."""
 
-    def one(trees: tuple) -> tuple[Crossing, Int[Array, ""]]:
-        vehicle, damper, lowest, highest = trees
+    def one(
+        vehicle: Vehicle, damper: Damper, lowest: Float[Array, ""], highest: Float[Array, ""]
+    ) -> tuple[Crossing, Int[Array, ""]]:
         speeds = speeds_of(lowest, highest)
         at = jnp.stack([state_matrix(vehicle, speed, damper)[None] for speed in speeds])
         crossing, outcome = lowest_crossing_compiled(pencil(at, speeds, vehicle.gyroscopic), lowest, highest)
         return jax.tree.map(lambda leaf: leaf[0], (crossing, _code(outcome, jnp)))
 
-    given = *trees, lowest, highest
-    if lanes is None:
-        return _told(*one(given))
-    crossing, code = one_by_one(one, given, (*_axes(trees), 0, 0))
-    return _told(crossing, code)
+    return _told(*Batch.of(*trees, lowest, highest).one_by_one(one))
 
 
 def _on_host(lanes: int | None, trees: tuple, lowest: float, highest: float) -> tuple[Crossing, Int[np.ndarray, "..."]]:

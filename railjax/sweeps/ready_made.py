@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.arguments import guarded
-from ..base.batches import count_lanes, each_lane, one_by_one, over_lanes, own_axes
+from ..base.batches import Batch
 from ..base.fields import quantity
 from ..base.precision import require_double_precision
 from ..base.typing import Scalar
@@ -26,7 +26,7 @@ from ..model.vehicle import Vehicle
 from ..ride.frequency import frequency_response
 from ..ride.spectral_comfort import spectral_comfort
 from ..simulation.simulate import Simulation, simulate
-from ..simulation.speed import Speed, SpeedProfile
+from ..simulation.speed import Speed
 from ..stability.hunting.nonlinear_critical import Hunting, nonlinear_critical
 from ..stability.linear_critical import LinearCritical, Stability, linear_critical
 from ..stability.modes import damping_ratios
@@ -116,22 +116,22 @@ class LeastDamping:
         """All lanes, one after another."""
         require_double_precision("the damping of the modes")
         trees = (without_labels(vehicle), speed, damper)
-        return _least_damping(trees, count_lanes(trees, (own_axes(vehicle), 0, own_axes(damper))))._asdict()
+        return _least_damping(trees)._asdict()
 
 
-@functools.partial(jax.jit, static_argnames="lanes")
-def _least_damping(trees: tuple, lanes: int | None) -> _Least:
+@jax.jit
+def _least_damping(trees: tuple) -> _Least:
     def single(vehicle: Vehicle, speed: Scalar, damper: Damper) -> _Least:
         values = jnp.linalg.eigvals(state_matrix(vehicle, speed, damper))
         ratio = jnp.where(values.imag <= 0, jnp.inf, damping_ratios(values))  # NaN stays, and is the least
         least = jnp.argmin(ratio)
         return _Least(ratio[least], values.imag[least] / (2.0 * jnp.pi), jnp.max(values.real))
 
-    axes = (own_axes(trees[0]), 0, own_axes(trees[2]))
-    if lanes is None:
+    batch = Batch.of(*trees)
+    if batch.lanes is None:
         return single(*trees)
-    # as in linear.py: LAPACK lane by lane, on one device
-    return over_lanes(lambda chunk: each_lane(single, chunk, axes), trees, axes, lanes, chunk=1)
+    # LAPACK lane by lane, on one device
+    return batch.in_chunks(lambda *chunk: Batch.of(*chunk).each(single), chunk=1)
 
 
 class Forced(IntEnum):
@@ -192,16 +192,14 @@ class EachPoint:
 
     @functools.cached_property
     def _mapped(self) -> Callable[[dict], Any]:
-        return jax.jit(lambda given: one_by_one(lambda one: self.__wrapped__(**one), given, _axes(given)))
+        return jax.jit(lambda given: Batch.of(given).one_by_one(lambda one: self.__wrapped__(**one)))
 
     def _in_python(self, given: dict[str, Any]) -> dict[str, Any]:
-        leaves, structure = jax.tree.flatten(given)
-        own = jax.tree.leaves(_axes(given))
-        lanes = count_lanes(given, _axes(given))
+        batch = Batch.of(given)
         found = []
-        for lane in range(lanes):
-            one = [leaf[..., lane].item() if np.ndim(leaf) > axes else leaf for leaf, axes in zip(leaves, own, strict=True)]
-            found.append(as_dictionary(self.__wrapped__(**structure.unflatten(one))))
+        for lane in range(batch.lanes or 0):
+            (one,) = batch.take(lane)
+            found.append(as_dictionary(self.__wrapped__(**jax.tree.map(_plain, one))))
         return {name: np.stack([np.asarray(entry[name]) for entry in found], axis=-1) for name in found[0]}
 
 
@@ -221,11 +219,9 @@ def each_point(function: Callable[..., Any] | None = None, *, traced: bool = Tru
     return EachPoint(function, traced)
 
 
-def _axes(given: dict[str, Any]) -> dict[str, Any]:
-    def own(value: Any) -> Any:
-        return jax.tree.map(lambda _: 1, value) if isinstance(value, SpeedProfile) else own_axes(value)
-
-    return {name: own(value) for name, value in given.items()}
+def _plain(leaf: Any) -> Any:
+    """A number as Python's."""
+    return leaf.item() if np.ndim(leaf) == 0 and hasattr(leaf, "item") else leaf
 
 
 def as_dictionary(result: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..base.batches import count_lanes
+from ..base.batches import Batch
 from ..base.errors import InputError
 from ..base.fields import structure
 from ..base.typing import Number, Scalar
@@ -25,7 +25,7 @@ from ..ride.vibration import weighted_rms
 from ..simulation.channels import CHANNELS
 from ..simulation.integrate import DIVERGED, largest_step
 from ..simulation.simulate import Simulation, simulate
-from .quantity import Quantity, kmh, own_axes_of, sharp_laws, smooth_damper, smoothed_laws
+from .quantity import Quantity, kmh, sharp_laws, smooth_damper, smoothed_laws
 
 #: the sharp check of a spectrum: one whole period (m) of a realisation, after some seconds; samples each second of what is weighted
 PERIOD, SETTLING, RATE = 4e3, 10.0, 200.0
@@ -198,7 +198,7 @@ class Run(Forced):
 
     def _values(self, vehicle: Vehicle, damper: Damper, speeds: Any) -> tuple[Float[Array, "tracks *lanes"], list[Array]]:
         """Of each track, of places the worst; and the states at the end."""
-        lanes = 1 if count_lanes((vehicle, damper, speeds), (*own_axes_of((vehicle, damper)), 0)) else 0
+        lanes = 1 if Batch.of(vehicle, damper, speeds).lanes else 0
         if self.weighting:
             runs = self._runs(vehicle, damper, speeds, record=(self.channel,), sample=1.0 / RATE)
             found = [weighted_rms(run[self.channel], RATE, self.weighting, settle=self.settle) for run in runs]
@@ -218,14 +218,10 @@ class Run(Forced):
 
     def each(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "lanes"]:
         """All lanes and speeds in one batch."""
-        trees = smoothed_laws(vehicle, damper)
-        axes = own_axes_of(trees)
-        count, speeds = count_lanes(trees, axes), jnp.asarray(self.speeds)
-        repeated = jax.tree.map(
-            lambda leaf, own: jnp.repeat(leaf, len(speeds), -1) if jnp.ndim(leaf) > own else leaf, trees, axes
-        )
-        values, _ = self._values(*repeated, jnp.tile(speeds, count))
-        found = values.reshape(len(self.tracks), count, len(speeds))
+        batch, speeds = Batch.of(*smoothed_laws(vehicle, damper)), jnp.asarray(self.speeds)
+        repeated = batch.take(np.repeat(np.arange(batch.lanes), len(speeds)))
+        values, _ = self._values(*repeated, jnp.tile(speeds, batch.lanes))
+        found = values.reshape(len(self.tracks), batch.lanes, len(speeds))
         return jax.vmap(lambda values: self._together(values.reshape(-1)), in_axes=1)(found)
 
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:

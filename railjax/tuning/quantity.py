@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.arguments import ARGUMENTS
-from ..base.batches import own_axes
+from ..base.batches import Batch
 from ..base.checks import Kind
 from ..base.errors import InputError
 from ..base.units import KMH
@@ -49,15 +49,8 @@ class Quantity:
     def each(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "lanes"]:
         """`value` of every lane of a batch, whose leaves have lanes on their last axis; one after another, as LAPACK's batched
         calls deadlock when several are at work (`linear`)."""
-        trees = vehicle, damper
-        leaves, structure = jax.tree.flatten(trees)
-        batched = [jnp.ndim(leaf) > own for leaf, own in zip(leaves, jax.tree.leaves(own_axes_of(trees)), strict=True)]
-
-        def one(own: list) -> Float[Array, ""]:
-            lane = iter(own)
-            return self.value(*structure.unflatten([next(lane) if b else leaf for leaf, b in zip(leaves, batched, strict=True)]))
-
-        return jax.lax.map(one, [jnp.moveaxis(leaf, -1, 0) for leaf, b in zip(leaves, batched, strict=True) if b])
+        batch = Batch.of(vehicle, damper)
+        return jax.lax.map(lambda lane: self.value(*batch.take(lane)), jnp.arange(batch.lanes))
 
     def sharp(self, vehicle: Vehicle, damper: Damper) -> float:
         """The number with the laws as they are (sharp saturation, flange and switching), for the final check; SI, NaN where there is none."""
@@ -118,11 +111,6 @@ class Constraint:
 
     def __str__(self) -> str:
         return f"{self.quantity.name} {'>=' if self.above else '<='} {self.quantity.shown(self.limit)}"
-
-
-def own_axes_of(trees: Trees) -> Any:
-    """For each leaf of vehicle and damper, how many axes it has before lanes."""
-    return own_axes(trees[0]), own_axes(trees[1])
 
 
 def smoothed_laws(vehicle: Vehicle, damper: Damper) -> Trees:

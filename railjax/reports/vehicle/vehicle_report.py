@@ -14,7 +14,7 @@ from typing import Any
 import jax
 
 from ...base.arguments import ONE_SPEED, guarded
-from ...base.batches import count_lanes, own_axes
+from ...base.batches import Batch
 from ...base.checks import some_names
 from ...base.errors import InputError, NumericalError
 from ...base.precision import require_double_precision
@@ -91,7 +91,7 @@ def vehicle_report(
     Raises `InputError` for lanes, an unknown section or track, a speed that is not positive. Needs double precision.
     """
     require_double_precision("the report")
-    if count_lanes((without_labels(vehicle),), (own_axes(without_labels(vehicle)),)) is not None:
+    if Batch.of(without_labels(vehicle)).lanes is not None:
         raise InputError("a report is on one vehicle; this one has lanes")
     for name in sections:
         if name not in SECTIONS:

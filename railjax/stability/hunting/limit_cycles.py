@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from ...base.arguments import ONE_SPEED, guarded
-from ...base.batches import in_threads, own_axes
+from ...base.batches import in_threads
 from ...base.checks import FLAG
 from ...base.errors import InputError
 from ...base.host import Answer, HostFunction
@@ -277,7 +277,6 @@ _amplitude = HostFunction(
     "the amplitude of a limit cycle",
     _amplitudes,
     (float,),
-    lambda given: ((own_axes(given[0][0]), own_axes(given[0][1])), 0),
 )
 
 

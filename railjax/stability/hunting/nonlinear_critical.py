@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ...base.arguments import guarded
-from ...base.batches import own_axes
 from ...base.errors import InputError, NumericalError
 from ...base.host import Answer, HostFunction
 from ...base.precision import require_double_precision
@@ -197,5 +196,4 @@ _searched = HostFunction(
     "the nonlinear critical speed",
     _many,
     (float, float, float, int),
-    lambda given: ((own_axes(given[0][0]), own_axes(given[0][1])), (0, 0, 0)),
 )
