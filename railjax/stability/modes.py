@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -64,6 +64,13 @@ class Modes:
         for name, frequency, damping, value in zip(self.names, self.frequency, self.damping_ratio, self.eigenvalues, strict=True):
             lines.append(f"{name:42s} {frequency:8.3f} {damping:8.4f} {value.real:10.4f}")
         return "\n".join(lines)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and lists, for JSON."""
+        columns = self.names, self.frequency, self.damping_ratio, self.eigenvalues.real, self.condition
+        keys = "name", "frequency_hz", "damping_ratio", "growth_per_s", "condition"
+        rows = [(name, *map(float, numbers)) for name, *numbers in zip(*columns, strict=True)]
+        return {"speed_kmh": self.speed * KMH, "modes": [dict(zip(keys, row, strict=True)) for row in rows]}
 
 
 @guarded(speed=ONE_SPEED)

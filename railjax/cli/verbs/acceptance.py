@@ -118,7 +118,7 @@ def acceptance(
             hunting_frequency=hunting_frequency_hz,
         )
         show(
-            {**found.to_dict(), "file": vehicle, "read": list(notes)},
+            {**found.as_dict(), "file": vehicle, "read": list(notes)},
             [str(found), *[f"note: {note}" for note in notes]],
             as_json,
             out,
@@ -175,6 +175,6 @@ def acceptance(
     found = assess(
         loaded, run, prudhomme_factor=prudhomme_factor, section_length=section_m, hunting_frequency=hunting_frequency_hz
     )
-    content = {**found.to_dict(), "track": str(line).splitlines()[0], "damper": damper, "calibrated": calibrated(loaded)}
+    content = {**found.as_dict(), "track": str(line).splitlines()[0], "damper": damper, "calibrated": calibrated(loaded)}
     place = f"track: {content['track']}; damper: {damper}"
     show(content, [str(found), place, *[f"calibrated, not predicted: {entry}" for entry in content["calibrated"]]], as_json, out)
