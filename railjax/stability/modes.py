@@ -199,7 +199,7 @@ class RootLocus:
 
     @property
     def damping_ratio(self) -> Float[np.ndarray, "speeds modes"]:
-        """zeta = -Re(lambda)/|lambda|."""
+        """zeta = -Re(lambda)/|lambda| of each mode at each speed; negative means unstable."""
         return damping_ratios(self.eigenvalues)
 
     def plot(self, axes: "Axes", limit: float = 0.6, marks: Mapping[str, float] | None = None) -> None:

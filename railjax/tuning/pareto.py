@@ -81,7 +81,7 @@ class Front:
         axes.set(xlabel=f"{other.name}, {with_powers(other.unit)}", ylabel=f"{one.name}, {with_powers(one.unit)}")
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Over the points."""
+        """The front as a dataset over its points, in SI."""
         import xarray
 
         named = {"objective": self.objective, "against": self.against, "met": self.met, **self.parameters}

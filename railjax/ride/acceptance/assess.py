@@ -147,7 +147,7 @@ class _Frame(NamedTuple):
     sections: int
 
     def inner(self, values: Values) -> Values:
-        """Without the margins."""
+        """The samples without those of the margins."""
         cut = round(self.margin * self.rate)
         return values[cut : len(values) - cut]
 
