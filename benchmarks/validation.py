@@ -45,7 +45,7 @@ class Row(NamedTuple):
 
     @property
     def difference(self) -> float:
-        """Relative."""
+        """Relative difference from what was published."""
         return self.ours / self.published - 1.0
 
     def __str__(self) -> str:
@@ -83,7 +83,7 @@ def contact() -> list[Row]:
 
 
 def ride() -> list[Row]:
-    """Weightings of comfort."""
+    """Frequency weightings of ride comfort."""
     rows = []
     for name, table in (("Wd", WD), ("Wk", WK)):
         for frequency, published in table.items():
@@ -97,7 +97,7 @@ def ride() -> list[Row]:
 
 
 def track() -> list[Row]:
-    """Spectra of alignment."""
+    """Spectra of the lateral alignment."""
     levels = {"erri-low": 2.003277e-5, "erri-high": 5.790502e-5}
     return [
         Row(
@@ -139,7 +139,7 @@ def device() -> list[Row]:
 
 
 def hunting() -> list[Row]:
-    """Critical speeds."""
+    """Critical speeds, linear and nonlinear."""
     bogie, coach = railjax.load_vehicle("cooperrider-bogie"), railjax.load_vehicle("coach")
     hopf = float(railjax.linear_critical_speed(bogie))
     note = "half gauge, wheel radius, conicity and yaw stiffness recalled"

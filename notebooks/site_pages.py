@@ -73,7 +73,7 @@ def drawn() -> bytes:
 
 
 def title(path: Path) -> str:
-    """A notebook's own."""
+    """The title of a notebook, from its first cell."""
     return json.loads(path.read_text("utf-8"))["cells"][0]["source"][0].strip("# \n")
 
 
@@ -120,7 +120,7 @@ def fields_table(path: str) -> str:
 
 
 def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    """As Markdown."""
+    """Rows under a head, as a table in Markdown."""
     clean = [" | ".join(str(cell).replace("|", "\\|") for cell in (f"`{row[0]}`", *row[1:])) for row in rows]
     return "\n".join([f"| {' | '.join(head)} |", "|---" * len(head) + "|", *(f"| {row} |" for row in clean)])
 

@@ -93,17 +93,17 @@ class Range(NamedTuple):
 
 
 def positive(unit: str = "1", **more: Any) -> Range:
-    """Above zero."""
+    """The rule for numbers above zero."""
     return Range(unit, 0.0, open=True, **more)
 
 
 def from_zero(unit: str = "1", **more: Any) -> Range:
-    """Zero and above."""
+    """The rule for numbers from zero on."""
     return Range(unit, 0.0, **more)
 
 
 def whole(low: int, high: float | int = math.inf) -> Range:
-    """A count."""
+    """The rule for whole numbers, such as counts."""
     return Range("1", low, high, whole=True)
 
 
@@ -120,7 +120,7 @@ class Kind(NamedTuple):
 
 
 class OneOf(NamedTuple):
-    """Some values."""
+    """The rule for one of some values."""
 
     values: tuple
 
@@ -134,13 +134,13 @@ FLAG = OneOf((True, False))
 
 
 def a_name(key: str, value: Any) -> None:
-    """A string."""
+    """Refuse what is no string."""
     if not isinstance(value, str):
         raise InputError(f"{key} must be a name in quotes, not {shown(value)}")
 
 
 def some_names(key: str, value: Any) -> None:
-    """Several strings, as a tuple or list."""
+    """Refuse what is no tuple or list of strings."""
     if not isinstance(value, (tuple, list)) or not all(isinstance(one, str) for one in value):
         raise InputError(
             f"{key} must be a list of names, like [{value!r}]"
@@ -150,19 +150,19 @@ def some_names(key: str, value: Any) -> None:
 
 
 def a_path(key: str, value: Any) -> None:
-    """A file or folder."""
+    """Refuse what is no path of a file or folder."""
     if not isinstance(value, (str, Path)) or not str(value):
         raise InputError(f"{key} must be a path, not {shown(value)}")
 
 
 def a_function(key: str, value: Any) -> None:
-    """Something that can be called."""
+    """Refuse what cannot be called."""
     if not callable(value):
         raise InputError(f"{key} must be a function, not {shown(value)}")
 
 
 def a_table(key: str, value: Any) -> None:
-    """A mapping by names."""
+    """Refuse what is no mapping by names."""
     if not (hasattr(value, "keys") and hasattr(value, "__getitem__")):
         raise InputError(f"{key} must be a dictionary by names, not {shown(value)}")
 

@@ -79,7 +79,7 @@ def leave() -> None:
 def end_at_ctrl_c() -> None:
     """From here on Ctrl-C ends the process with one line on standard error, wherever it comes: a `KeyboardInterrupt` would be lost in
     a destructor or where Python calls back from JAX."""
-    error = os.dup(2)  # which `kernels` listens to now and then
+    error = os.dup(2)  # which `compilation` listens to now and then
 
     def end(number: int, frame: object) -> None:
         # past Python's buffer, which may be in use; progress bars hide the cursor

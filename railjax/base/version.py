@@ -1,3 +1,3 @@
-"""The release."""
+"""The release of railjax, which results and stores name."""
 
 __version__ = "0.3.0"

@@ -33,7 +33,7 @@ def make_track(
 ) -> tuple["Track", list[str]]:
     """The track of `--track` (a spectrum's name, a file of one or of a measured track) or of the other options, and what it rests on.
 
-    A random track repeats itself after `length` m at the earliest; `file` says how to read one (`cli_files.track_file`).
+    A random track repeats itself after `length` m at the earliest; `file` says how to read one (`files.track_file`).
     Raises `InputError`.
     """
     from .. import BumpTrack, RandomTrack, SinusoidTrack

@@ -89,7 +89,7 @@ class BoucWenDamper:
 
     @property
     def even_states(self) -> tuple[int, ...]:
-        """Voltage, decision and clock."""
+        """Indices of voltage, decision and clock, which have no side."""
         return tuple(range(3, self.internal_states)) if self.law == "sharp" else (2,)
 
     def command(self, travel: Bogies, decision: Bogies) -> Bogies:
@@ -98,7 +98,19 @@ class BoucWenDamper:
         return wanted - smooth.beyond(self.law, wanted, self.voltage_limit, 0.05 * self.voltage_limit)
 
     def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
-        """Twice eq. (12), N, and the rates of eqs. (13)-(14) and of the driver."""
+        """Twice eq. (12), and the rates of eqs. (13)-(14) and of the driver.
+
+        Args:
+            vehicle: plays no part; all numbers are the damper's own.
+            travel: Δy_c over each bogie, shape `(n, *lanes)`, m.
+            velocity: Δy_c', shape `(n, *lanes)`, m/s.
+            internal: shape `(states, n, *lanes)`: y, z and s in m, u in V, the decision, dimensionless, and its clock in s; by
+                the smooth law y, z and u.
+
+        Returns:
+            The force of each bogie's two dampers, `(n, *lanes)`, N, positive along `velocity` when it resists; and the rates of
+            `internal`.
+        """
         p = self.parameters
         if self.law == "sharp":
             y, start, s, u, decision, *clock = internal
@@ -120,7 +132,18 @@ class BoucWenDamper:
         return bouc_wen.z_rate(self.parameters, forth, z) + bouc_wen.z_rate(self.parameters, -back, z)
 
     def held(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies, seen: Seen) -> Bogies:
-        """z and s brought to this instant, and, where a sample is due, whether the damper is to act until the next."""
+        """z and s brought to this instant, and, where a sample is due, whether the damper is to act until the next.
+
+        Args:
+            vehicle: plays no part.
+            travel: Δy_c over each bogie, shape `(n, *lanes)`, m.
+            velocity: Δy_c', shape `(n, *lanes)`, m/s.
+            internal: as `force` takes them, shape `(states, n, *lanes)`, m, V, dimensionless and s.
+            seen: plays no part.
+
+        Returns:
+            The internal states as the next step begins with them, of the same shape; by the smooth law as they came.
+        """
         if self.law == "smooth":
             return internal
         y, start, s, u = internal[:4]
@@ -185,11 +208,17 @@ class HybridDamper:
 
     @property
     def even_states(self) -> tuple[int, ...]:
-        """All."""
+        """Indices of all states: none of them has a side."""
         return tuple(range(self.internal_states))
 
     def command(self, vehicle: Vehicle, travel: Bogies, decision: Bogies) -> Bogies:
-        """Current that makes the wanted force, A."""
+        """Current that makes the wanted force α k_cy |Δy_c| of each damper, as far as the device goes, A.
+
+        Args:
+            vehicle: gives k_cy.
+            travel: Δy_c over each bogie, shape `(n, *lanes)`, m.
+            decision: 1 where the damper is to act, else 0, shape `(n, *lanes)`, dimensionless.
+        """
         wanted = self.alpha * vehicle.secondary.stiffness_y * _size(self.law, travel, self.travel_width)
         share = mr_force_for(self.pilot, wanted / active_area(self.hydraulic)) / self.mr_force
         # between nothing and the device's largest force
@@ -202,7 +231,18 @@ class HybridDamper:
         return 2.0 * damping_force(self.hydraulic, self.pilot, velocity, mr_force, self.law)
 
     def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
-        """Force of a bogie's two dampers, N, and the rate of the current."""
+        """Force of a bogie's two dampers, and the rate of the current.
+
+        Args:
+            vehicle: gives k_cy.
+            travel: Δy_c over each bogie, shape `(n, *lanes)`, m.
+            velocity: Δy_c', shape `(n, *lanes)`, m/s.
+            internal: shape `(states, n, *lanes)`: the current in A; of the sharp law the decision, dimensionless, and its clock
+                in s.
+
+        Returns:
+            The force, `(n, *lanes)`, N, positive along `velocity` when it resists; and the rates of `internal`.
+        """
         current = internal[0]
         if self.law == "sharp":
             decision = internal[1]
@@ -213,7 +253,18 @@ class HybridDamper:
         return self.pair_force(velocity, current), jnp.stack(rates)
 
     def held(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies, seen: Seen) -> Bogies:
-        """Where a sample is due, whether the damper is to act until the next."""
+        """Where a sample is due, whether the damper is to act until the next.
+
+        Args:
+            vehicle: plays no part.
+            travel: Δy_c over each bogie, shape `(n, *lanes)`, m.
+            velocity: Δy_c', shape `(n, *lanes)`, m/s.
+            internal: as `force` takes them, shape `(states, n, *lanes)`, A, dimensionless and s.
+            seen: plays no part.
+
+        Returns:
+            The internal states as the next step begins with them, of the same shape; by the smooth law as they came.
+        """
         if self.law == "smooth":
             return internal
         return jnp.stack([internal[0], *_decided(self, travel, velocity, internal[1:])])

@@ -73,12 +73,12 @@ class Controlled:
 
     @property
     def internal_states(self) -> int:
-        """How many."""
+        """How many states of its own the law has per bogie."""
         return len(self.states)
 
     @property
     def even_states(self) -> tuple[int, ...]:
-        """Those without a side."""
+        """Indices of the states without a side."""
         return tuple(k for k, name in enumerate(self.states) if name in ("decision", "clock", "opening"))
 
     def signal(self, measured: Bogies, sensed: Bogies | None) -> Bogies:
@@ -168,13 +168,13 @@ class ValveControlled(Controlled):
         return 2.0 * (self.damping_min + (self.damping_max - self.damping_min) * opening) * velocity
 
     def fault(self) -> str | None:
-        """A valve that damps less shut than open."""
+        """What is wrong with a valve that damps less shut than open."""
         if np.any(np.asarray(self.damping_min) >= self.damping_max):
             return f"damping_min ({self.damping_min}) must be below damping_max ({self.damping_max})"
         return None
 
     def extremes(self, vehicle: Vehicle) -> tuple[PassiveDamper, ...]:
-        """The valve shut."""
+        """The damper with its valve shut bounds the rates."""
         return (PassiveDamper(self.damping_max),)
 
 
@@ -194,7 +194,16 @@ class BalanceLogic(ForceControlled):
     largest_signal: ClassVar[float] = LARGEST_TRAVEL
 
     def measured(self, vehicle: Vehicle, travel: Bogies, seen: Seen) -> Bogies:
-        """-Δy_c, along which the balancing force acts."""
+        """-Δy_c, along which the balancing force acts.
+
+        Args:
+            vehicle: plays no part.
+            travel: Δy_c over each bogie, shape `(n, *lanes)`, m.
+            seen: plays no part.
+
+        Returns:
+            -Δy_c, `(n, *lanes)`, m.
+        """
         return -travel
 
     def gain(self, vehicle: Vehicle) -> Scalar:
@@ -217,7 +226,16 @@ class Skyhook(ValveControlled):
     signal_scale: ClassVar[float] = 0.1
 
     def measured(self, vehicle: Vehicle, travel: Bogies, seen: Seen) -> Bogies:
-        """v_c = y_c' + h φ_c' ± l ψ_c'."""
+        """v_c = y_c' + h φ_c' ± l ψ_c', at the dampers' upper ends.
+
+        Args:
+            vehicle: gives the places of the dampers.
+            travel: Δy_c over each bogie, shape `(n, *lanes)`, m; plays no part.
+            seen: all coordinates and rates, of which the car body's rates are read.
+
+        Returns:
+            v_c, `(n, *lanes)`, m/s.
+        """
         return of_carbody(vehicle, seen.rates)
 
     def decision(self, signal: Bogies, velocity: Bogies) -> Bogies:
@@ -250,17 +268,26 @@ class ADD(ValveControlled):
     signal_scale: ClassVar[float] = 1.0
 
     def measured(self, vehicle: Vehicle, travel: Bogies, seen: Seen) -> Bogies:
-        """v_c, of which the accelerometer makes a_c."""
+        """v_c at the dampers' upper ends, of which the accelerometer makes a_c.
+
+        Args:
+            vehicle: gives the places of the dampers.
+            travel: Δy_c over each bogie, shape `(n, *lanes)`, m; plays no part.
+            seen: all coordinates and rates, of which the car body's rates are read.
+
+        Returns:
+            v_c, `(n, *lanes)`, m/s.
+        """
         return of_carbody(vehicle, seen.rates)
 
     def fault(self) -> str | None:
-        """No accelerometer."""
+        """What is wrong where the accelerometer has no lag."""
         if self.sensor_lag is None:
             return f"{type(self).__name__} needs a sensor_lag: the low-pass of its accelerometer, 5e-3 s for example"
         return super().fault()
 
     def signal(self, measured: Bogies, sensed: Bogies | None) -> Bogies:
-        """a_c."""
+        """a_c as the accelerometer gives it, m/s^2."""
         if sensed is None:
             raise InputError(self.fault())
         return (measured - sensed) / self.sensor_lag
@@ -306,10 +333,20 @@ class ClippedLQR(ForceControlled):
     def design(
         cls, vehicle: Vehicle, speed: float, travel_weight: float = 10.0, force_weight: float = 0.05, **options: Number
     ) -> "ClippedLQR":
-        """Least ∫ a_1² + a_2² + (w_t Δy_1)² + (w_t Δy_2)² + (w_f F_1)² + (w_f F_2)² dt, of SciPy's `solve_continuous_are`.
+        """The regulator of least ∫ a_1² + a_2² + (w_t Δy_1)² + (w_t Δy_2)² + (w_f F_1)² + (w_f F_2)² dt.
 
-        a_j is the car body's lateral acceleration above bogie j (m/s^2), Δy_j its secondary travel, F_j in kN. `travel_weight` in 1/s^2,
-        `force_weight` in m/s^2 per kN. Straight running with linear creep at `speed` (m/s), the dampers taken out.
+        a_j is the car body's lateral acceleration above bogie j (m/s^2), Δy_j its secondary travel, F_j in kN. Straight running
+        with linear creep, the dampers taken out; by SciPy's `solve_continuous_are`.
+
+        Args:
+            vehicle: a single vehicle, to which the regulator then belongs.
+            speed: v, m/s.
+            travel_weight: w_t, 1/s².
+            force_weight: w_f, m/s² per kN.
+            **options: the other fields of `ClippedLQR`, such as `force_limit` in N per damper.
+
+        Raises:
+            InputError: where there is no regulator, for weights out of range, and in single precision.
         """
         import scipy.linalg
 
@@ -335,11 +372,20 @@ class ClippedLQR(ForceControlled):
         return cls(feedback=-1e3 * gain, **options)
 
     def fault(self) -> str | None:
-        """No gain."""
+        """What is wrong where there is no gain."""
         return "ClippedLQR has no feedback; make it with ClippedLQR.design(vehicle, speed)" if self.feedback is None else None
 
     def measured(self, vehicle: Vehicle, travel: Bogies, seen: Seen) -> Bogies:
-        """D = K x."""
+        """D = K x, the force that the regulator wants.
+
+        Args:
+            vehicle: tells the order of the coordinates.
+            travel: Δy_c over each bogie, shape `(n, *lanes)`, m; plays no part, as it is in x.
+            seen: all coordinates, rates and states of yaw dampers, which together are x.
+
+        Returns:
+            D of each bogie's pair of dampers, `(n, *lanes)`, N.
+        """
         own = [] if seen.yaw_dampers is None else [*seen.yaw_dampers]
         x = jnp.concatenate(join(vehicle, seen.coordinates) + join(vehicle, seen.rates) + own)
         feedback = jnp.asarray(self.feedback)

@@ -155,7 +155,18 @@ class PassiveDamper:
         return cls(HARD)
 
     def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
-        """F_d = 2 rho_cy Δy_c' (eq. 1's dissipation function), up to blow-off."""
+        """F_d = 2 rho_cy Δy_c' (eq. 1's dissipation function), up to blow-off.
+
+        Args:
+            vehicle: gives rho_cy and the blow-off valve where the damper has no `damping` of its own.
+            travel: Δy_c over each bogie, shape `(n, *lanes)`, m; plays no part in this law.
+            velocity: Δy_c', shape `(n, *lanes)`, m/s.
+            internal: no states, shape `(0, n, *lanes)`, dimensionless.
+
+        Returns:
+            The force of each bogie's two dampers, `(n, *lanes)`, N, positive along `velocity` when it resists; and `internal` as
+            it came.
+        """
         damping = vehicle.secondary.damping_y if self.damping is None else self.damping
         if self.damping is None and vehicle.lateral_damper is not None:
             return 2.0 * blow_off_force(vehicle.contact.law, vehicle.lateral_damper, damping, velocity), internal
@@ -181,7 +192,18 @@ class MaxwellDamper:
     internal_states: ClassVar[int] = 1
 
     def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
-        """The yaw dampers' Maxwell element, across the secondary suspension."""
+        """The yaw dampers' Maxwell element, across the secondary suspension: F = 2 k (Δy_c - s).
+
+        Args:
+            vehicle: plays no part; all numbers are the damper's own.
+            travel: Δy_c over each bogie, shape `(n, *lanes)`, m.
+            velocity: Δy_c', shape `(n, *lanes)`, m/s; plays no part beside the stiffness.
+            internal: elongation s of the dashpots, shape `(1, n, *lanes)`, m.
+
+        Returns:
+            The force of each bogie's two dampers, `(n, *lanes)`, N, positive along Δy_c' when it resists; and s',
+            `(1, n, *lanes)`, m/s.
+        """
         element = YawDamper(
             self.damping, 1.0, self.blow_off_velocity, self.damping_beyond, self.series_stiffness, self.blow_off_width
         )

@@ -264,16 +264,33 @@ def state_matrix(
 ) -> Float[Array, "states states"]:
     """E of eq. (4): the linearisation x' = E x of straight running with linear creep.
 
-    speed in m/s; order [q, q'] (then the internal states of lateral and yaw dampers); shape (2n, 2n), 34 x 34 for the coach.
-    With `flange` the flange is held in contact (for the bound on the time step). Differentiable; `vmap` it over speeds and
-    vehicles.
+    The order is [q, q'], then the internal states of lateral and yaw dampers. Differentiable; `vmap` it over speeds and vehicles.
+
+    Args:
+        vehicle: a single vehicle, without lanes.
+        speed: v, m/s.
+        damper: what takes the place of rho_cy, linearised at rest; by default the vehicle's own.
+        flange: True for the flange held in contact, as the bound on the time step needs it.
+
+    Returns:
+        E in SI, shape `(states, states)`: (2n, 2n) with n coordinates where no damper has states of its own, 34 x 34 for the
+        coach.
     """
     return _rate_matrix(without_labels(vehicle), speed, damper, flange)[:, : state_size(vehicle, damper)]
 
 
 @guarded()
 def track_matrix(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Float[Array, "states wheelsets"]:
-    """B of F*(t) = B eta(t), eq. (3): what the alignment eta_i (m) under each wheelset does to x', linear creep; `speed` in m/s."""
+    """B of F*(t) = B eta(t), eq. (3): what the alignment eta_i under each wheelset does to x', with linear creep.
+
+    Args:
+        vehicle: a single vehicle, without lanes.
+        speed: v, m/s.
+        damper: what takes the place of rho_cy, linearised at rest; by default the vehicle's own.
+
+    Returns:
+        B, shape `(states, wheelsets)`, the SI unit of x' per m of alignment; rows as in `state_matrix`, wheelsets from the front.
+    """
     return _rate_matrix(without_labels(vehicle), speed, damper, False)[:, state_size(vehicle, damper) :]
 
 

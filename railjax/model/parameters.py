@@ -44,7 +44,16 @@ def get_parameter(vehicle: Vehicle, path: str) -> Any:
 
 @guarded(vehicle=VEHICLE, path=a_name)
 def set_parameter(vehicle: Vehicle, path: str, value: Any) -> Vehicle:
-    """A copy of the vehicle with the value (SI) at a dotted path changed."""
+    """A copy of the vehicle with one parameter changed.
+
+    Args:
+        vehicle: the vehicle, which stays as it is.
+        path: dotted name of the parameter, such as "primary.stiffness_x".
+        value: its new value, in SI; an array of shape `(lanes,)` makes a batch of vehicles.
+
+    Raises:
+        InputError: for a path that does not exist, in any vehicle or in this one.
+    """
     get_parameter(vehicle, path)  # refuses a path that does not exist
     return _set(vehicle, path.split("."), value)
 

@@ -88,16 +88,30 @@ def animate(
     title: str | None = None,
     progress: Callable[[int, int], Any] | None = None,
 ) -> Film:
-    """Film the vehicle from above and write it to `out`: .gif, .mp4 (needs ffmpeg) or .html (a page with buttons).
+    """Film the vehicle from above, as a simulation, a limit cycle or a mode moves it.
 
-    `motion` is a `Simulation` that has recorded `animation_channels(vehicle)` (of which `start` to `stop` s are shown, default the
-    last 1.5), a `LimitCycle` of `hunting_branch` (one period, integrated with the `damper` that it belongs to), or `Modes`, of which the
-    one numbered `mode` is shown as a steady oscillation of arbitrary amplitude. The film runs `slow` times slower than the motion
-    (default 5 for a simulation; else one period in 2.4 s); displacements and yaw angles are drawn `magnified` times (default up to 0.5 m), which the
-    picture says. `title` stands above it (default: what moves); `progress(done, total)` is called with the number of pictures.
+    A mode is shown as a steady oscillation of arbitrary amplitude.
 
-    Raises `InputError` for another suffix, missing channels (named), lanes, an overdamped mode, a span outside the run;
-    `NumericalError` for a run that diverged.
+    Args:
+        vehicle: the vehicle that moves.
+        motion: a `Simulation` that has recorded `animation_channels(vehicle)`, a `LimitCycle` of `hunting_branch`, of which one
+            period is integrated, or `Modes`.
+        out: file that is written, .gif, .mp4 (needs ffmpeg) or .html (a page with buttons).
+        mode: number of the mode that is shown, from 0, the least damped.
+        damper: what the limit cycle belongs to, in place of rho_cy; by default the vehicle's own.
+        start: instant at which the film of a simulation begins, s; by default 1.5 s before it ends.
+        stop: instant at which it ends, s; by default the last.
+        slow: how many times slower than the motion the film runs, dimensionless; by default 5 for a simulation, else one period
+            in 2.4 s.
+        magnified: how many times larger displacements and yaw angles are drawn, dimensionless, which the picture says; by default
+            up to 0.5 m.
+        title: stands above the picture; by default what moves.
+        progress: called as `progress(done, total)` with the number of pictures.
+
+    Raises:
+        InputError: for another suffix, missing channels (named), lanes, an overdamped mode, a span outside the run, and a file
+            that cannot be written.
+        NumericalError: for a run that diverged.
     """
     out = Path(out)
     check_name(out)

@@ -105,7 +105,7 @@ class TopView:
             self._bodies.append((artist, shape, part, number, position))
 
     def show(self, coordinates: Coordinates, distance: float = 0.0, track: Alignment | None = None) -> None:
-        """Move everything: `coordinates` by group as `deflections.layout` names them (m, rad; missing ones are at rest), the
+        """Move everything: `coordinates` by group as `kinematics.layout` names them (m, rad; missing ones are at rest), the
         `distance` run (m), the track's alignment about the vehicle (None: even track)."""
         aligned = self.magnified * (np.zeros_like(self.along) if track is None else np.asarray(track(self.along)))
         for line, offset in self._rails:

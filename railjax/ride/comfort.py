@@ -76,26 +76,35 @@ def comfort(
     sperling_exponent: float | int = 1.0 / 6.67,
     sperling_power: float | int = 6.67,
 ) -> Comfort:
-    """Ride comfort from accelerations of the floor in m/s^2.
+    """Ride comfort from accelerations of the floor: a_w, MTVV, VDV, N_MV, Sperling's index and those of several directions.
 
-    `acceleration`: samples of shape (time,) or (time, ...lanes) in one `direction` ("lateral", "vertical", "longitudinal"; also
-    "seat lateral", "seat vertical", "backrest longitudinal"), a mapping of directions to such arrays (with which a "roll rate" in
-    rad/s may be), or a `Simulation`, of which the lateral `channel` is read (default
-    "floor_acceleration", else "carbody_acceleration") at one `place` of it ("leading bogie", "centre", "trailing bogie", or a
-    number; default all). `sampling_rate` in Hz, 100 or more; a simulation knows its own. The mean is taken off a record, and
-    `settle` seconds are left out at its start (after the weighting).
-
-    `weightings`: other than Wd lateral and longitudinal and Wb vertical (EN 12299), as {"vertical": "Wk"} for ISO 2631-1.
     N_MV is of the directions given: with the lateral one alone its part of it, which is below the whole. It takes the 95th
-    percentile (between order statistics linearly) of successive 5 s; a test has 60 of them (5 min), 20 are the fewest of
-    which one can lie beyond that percentile, and less than that is refused unless `mean=False`, which leaves N_MV out.
-    Of the floor's directions a_v is the vector sum; N_VD takes all three, N_VA the vertical one and those of the seat. A measured
-    lateral record has P_DE, and P_CT of each of its `transitions` (from and to, in s): both see the quasi-static acceleration,
-    and so an offset of the sensor. Gravity in a vertical record is taken off with its mean.
-    `sperling_exponent` and `sperling_power` as `exponent` and `power` of `sperling`. Lanes that a simulation marks as failed are NaN.
+    percentile (between order statistics linearly) of successive 5 s; a test has 60 of them (5 min), 20 are the fewest of which
+    one can lie beyond that percentile, and less than that is refused unless `mean` is False. Of the floor's directions a_v is the
+    vector sum; N_VD takes all three, N_VA the vertical one and those of the seat. A measured lateral record has P_DE, and P_CT of
+    each of its `transitions`: both see the quasi-static acceleration, and so an offset of the sensor. The mean is taken off a
+    record, and gravity in a vertical one with it. Lanes that a simulation marks as failed are NaN. Not differentiable:
+    `weighted_rms`, `sperling` and their neighbours in `railjax.ride.vibration` are.
 
-    Raises `InputError` for anything that is no finite number, rates below 100 Hz, records too short, unknown names. Not
-    differentiable: `weighted_rms`, `sperling` and their neighbours in `railjax.ride.vibration` are.
+    Args:
+        acceleration: samples of shape `(samples, *lanes)`, m/s^2; a mapping of directions to such arrays, with which a "roll
+            rate" in rad/s may be; or a `Simulation`.
+        sampling_rate: Hz, 100 or more; a simulation knows its own.
+        direction: of a single array: "lateral", "vertical", "longitudinal", "seat lateral", "seat vertical" or "backrest
+            longitudinal".
+        weightings: by direction, other than Wd lateral and longitudinal and Wb vertical (EN 12299), as {"vertical": "Wk"} for ISO
+            2631-1.
+        channel: of a simulation, a lateral acceleration; by default "floor_acceleration", else "carbody_acceleration".
+        place: of the channel: "leading bogie", "centre" or "trailing bogie" of the floor, or its number of the axis, from 0; by
+            default all.
+        mean: False leaves N_MV out.
+        settle: time left out at the start, after the weighting, s.
+        transitions: of a measured lateral record, (from, to) of each transition curve, s.
+        sperling_exponent: `exponent` of `sperling`, dimensionless.
+        sperling_power: `power` of `sperling`, dimensionless.
+
+    Raises:
+        InputError: for anything that is no finite number, rates below 100 Hz, records too short, unknown names.
     """
     places: tuple[str, ...] = ()
     ok: np.ndarray | bool = True
@@ -270,12 +279,21 @@ def _checked(direction: str, values: ArrayLike, ok: np.ndarray | bool) -> Float[
 def floor_acceleration(
     run: Simulation, along: Scalar = 0.0, height: Scalar = -CARBODY_TO_FLOOR
 ) -> Float[Array, "samples *lanes"]:
-    """Lateral acceleration (m/s^2) at any point of the car body: y_c'' + x psi_c'' - z phi_c''.
+    """Lateral acceleration at any point of the car body: y_c'' + x psi_c'' - z phi_c''.
 
-    x = `along` in m ahead of the body's centre, z = `height` in m above its centre of gravity (default 0.6 below, assumed: the
-    paper gives no floor). `run` must have recorded "carbody_y_acceleration", "carbody_psi_acceleration" and
-    "carbody_phi_acceleration"; `InputError` otherwise. Differentiable. Over the bogies and in the centre the channel
-    "floor_acceleration" is the same without them, at the height -`geometry.carbody_to_floor`.
+    Differentiable. Over the bogies and in the centre the channel "floor_acceleration" is the same without the three that this
+    reads, at the height -`geometry.carbody_to_floor`.
+
+    Args:
+        run: with "carbody_y_acceleration", "carbody_psi_acceleration" and "carbody_phi_acceleration" recorded.
+        along: x ahead of the body's centre, m, one or one per lane.
+        height: z above its centre of gravity, m, one or one per lane; by default 0.6 below, assumed: the paper gives no floor.
+
+    Returns:
+        The acceleration, shape `(samples, *lanes)`, m/s^2.
+
+    Raises:
+        InputError: for a run that lacks one of the channels.
     """
     names = [f"carbody_{coordinate}" for coordinate in ("y", "psi", "phi")]
     missing = [f"{name}_acceleration" for name in names if f"{name}_acceleration" not in run.channels]

@@ -177,13 +177,27 @@ def frequency_response(
 ) -> FrequencyResponse:
     """Stationary response of the linearised vehicle to a random track.
 
-    `track` is what `railjax.spectrum` takes (a name, a table, a formula), taken between the wavelengths `shortest` and `longest` (m) at
-    `points` waves; or a `RandomTrack`, of which each line is a wave; or an `Excitation`. speed in m/s. `record` names channels
-    (`railjax.CHANNELS`). The creep is linear and the flange not touched; a damper is linearised at rest (see
-    `statistical_linearisation` for creep saturation, the flange and balance logic). Vehicle, speed and damper may carry lanes.
+    The creep is linear and the flange not touched; a damper is linearised at rest (see `statistical_linearisation` for creep
+    saturation, the flange and balance logic). Differentiable in both modes with respect to every float of vehicle, speed, damper
+    and spectrum. Where straight running is unstable there is no stationary response: in a batch or transformation such a lane is
+    NaN.
 
-    Differentiable in both modes with respect to every float of vehicle, speed, damper and spectrum. For a single vehicle that is
-    unstable at this speed it raises `NumericalError`; in a batch or transformation such a lane is NaN. Needs double precision.
+    Args:
+        vehicle: the vehicle, or a batch with lanes in any of its numbers.
+        speed: v, m/s, one or one per lane.
+        track: what `spectrum` takes (a name, a table, a formula); a `RandomTrack`, of which each line is a wave; or an
+            `Excitation`.
+        damper: what takes the place of rho_cy; by default the vehicle's own. It may have lanes too.
+        record: channels, from `railjax.CHANNELS`.
+        shortest: shortest wavelength of a spectrum, m; by default 2.
+        longest: longest wavelength of a spectrum, m; by default 200.
+        points: number of waves between the two, evenly spaced in the logarithm, 16 or more; the 400 by default resolve 1 % of
+            critical damping.
+
+    Raises:
+        NumericalError: for a single vehicle that is unstable at this speed.
+        InputError: for an unknown channel or spectrum, a track that is not one realisation made of lines, and in single
+            precision.
     """
     require_double_precision("the frequency response")
     record = tuple(check_channel(name) for name in record)

@@ -95,15 +95,27 @@ def statistical_linearisation(
     longest: Scalar = LONGEST,
     points: int = POINTS,
 ) -> StatisticalResponse:
-    """As `frequency_response`, with creep saturation, the flange and the damper's law replaced by their statistical equivalents;
-    `speed` in m/s, `record`, `shortest` and `longest` in m and the number of `points` as there.
+    """As `frequency_response`, with creep saturation, the flange and the damper's law replaced by their statistical equivalents.
 
-    Laws of travel and velocity without memory: `PassiveDamper` (blow-off), `BalanceLogic` without lags, and any of your own that has
-    no internal states and observes nothing; others raise `InputError`. Bump stops and yaw dampers' blow-off stay linear. For balance
-    logic without limit and least damping it gives k = -α k_cy and c = 2 α k_cy σ_y/(π σ_v) per bogie.
+    Bump stops and yaw dampers' blow-off stay linear. For balance logic without limit and least damping it gives k = -α k_cy and c
+    = 2 α k_cy σ_y/(π σ_v) per bogie. Differentiable once (implicitly, at the fixed point), `jit`- and `vmap`-able over speed,
+    track amplitude and any float; in a transformation, what does not settle is NaN, and `change` tells it.
 
-    Differentiable once (implicitly, at the fixed point), `jit`- and `vmap`-able over speed, track amplitude and any float. Raises `NumericalError`
-    where the equivalent vehicle is unstable or the iteration does not settle (in a transformation: NaN, and `change`).
+    Args:
+        vehicle: a single vehicle, without lanes.
+        speed: v, m/s.
+        track: what `spectrum` takes (a name, a table, a formula); a `RandomTrack`, of which each line is a wave; or an
+            `Excitation`.
+        damper: a law of travel and velocity without memory: `PassiveDamper` (blow-off), `BalanceLogic` without lags, or any of
+            your own that has no internal states and observes nothing; by default the vehicle's own dampers.
+        record: channels, from `railjax.CHANNELS`.
+        shortest: shortest wavelength of a spectrum, m; by default 2.
+        longest: longest wavelength of a spectrum, m; by default 200.
+        points: number of waves between the two, evenly spaced in the logarithm, 16 or more; by default 400.
+
+    Raises:
+        NumericalError: where the equivalent vehicle is unstable or the iteration does not settle.
+        InputError: for other laws, an unknown channel or spectrum, and in single precision.
     """
     require_double_precision("statistical linearisation")
     if not memoryless(damper):

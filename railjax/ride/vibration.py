@@ -27,14 +27,24 @@ SPERLING_BAND = tuple(10.0 ** ((n + half) / 10.0) for n, half in ((THIRD_OCTAVES
 
 @guarded()
 def weighted_acceleration(acceleration: ArrayLike, sampling_rate: float | int, name: str) -> History:
-    """A frequency-weighted acceleration, in the unit of `acceleration`, of shape (samples, *lanes), at rest before it begins.
+    """A frequency-weighted acceleration, at rest before it begins.
 
     In the frequency domain: the record, followed by zeros for five times 1/f1 (12.5 s; the filter then has forgotten 9 of 10
-    digits), times the analogue response of `weighting` below the Nyquist frequency. So it is exact at any `sampling_rate`
-    (Hz) for a record without content above half of it, which a recursive filter is not; its derivative costs one more
-    transform, and a gradient needs no tape over the samples. It begins with the transient of a filter switched on, like
-    `scipy.signal.sosfilt`: 2 s after it the high-pass has forgotten a constant. Raises `InputError` for an unknown name or a
-    rate that is not positive.
+    digits), times the analogue response of `weighting` below the Nyquist frequency. So it is exact for a record without content
+    above half of its sampling rate, which a recursive filter is not; its derivative costs one more transform, and a gradient
+    needs no tape over the samples. It begins with the transient of a filter switched on, like `scipy.signal.sosfilt`: 2 s after
+    it the high-pass has forgotten a constant.
+
+    Args:
+        acceleration: samples of shape `(samples, *lanes)`, m/s^2 or any other unit, which the result has too.
+        sampling_rate: Hz.
+        name: of the weighting, "Wd" for example; `weighting` lists them.
+
+    Returns:
+        Samples of the same shape and unit; lanes that are not finite throughout are NaN.
+
+    Raises:
+        InputError: for an unknown name or a rate that is not positive.
     """
     from scipy.fft import next_fast_len
 
@@ -59,9 +69,21 @@ def _sound(values: History) -> tuple[History, Bool[Array, "*lanes"]]:
 def weighted_rms(
     acceleration: ArrayLike, sampling_rate: float | int, name: str = "Wd", settle: float | int = 0.0
 ) -> Float[Array, "*lanes"]:
-    """a_w = sqrt(mean(a_w(t)^2)) (ISO 2631-1, eq. 1) of an `acceleration` (m/s^2, shape (samples, *lanes)) at `sampling_rate` (Hz), weighted by `name`.
+    """a_w = sqrt(mean(a_w(t)^2)) (ISO 2631-1, eq. 1) of `weighted_acceleration`.
 
-    The first `settle` seconds are left out after the weighting. Differentiable where the acceleration is not 0 throughout.
+    Differentiable where the acceleration is not 0 throughout.
+
+    Args:
+        acceleration: samples of shape `(samples, *lanes)`, m/s^2.
+        sampling_rate: Hz.
+        name: of the weighting; "Wd" is that of lateral and longitudinal accelerations, "Wb" or "Wk" of vertical ones.
+        settle: time left out at the start, after the weighting, s.
+
+    Returns:
+        a_w, shape `(*lanes)`, m/s^2.
+
+    Raises:
+        InputError: for an unknown name and a `settle` that leaves nothing.
     """
     weighted = weighted_acceleration(acceleration, sampling_rate, name)[round(settle * sampling_rate) :]
     if not len(weighted):
@@ -149,13 +171,20 @@ def sperling(
     exponent: float | int = 1.0 / 6.67,
     power: float | int = 6.67,
 ) -> Float[Array, "*lanes"]:
-    """Sperling's index Wz = (sum of Wz_i^power)^(1/power) over the third octaves of `sperling_bands`.
+    """Sperling's index Wz = (sum of Wz_i^power)^(1/power) over the third octaves of `sperling_bands`, dimensionless.
 
-    Of an `acceleration` in m/s^2, shape (samples, *lanes), at `sampling_rate` in Hz, in a `direction` ("lateral" or "vertical"). The
-    `exponent` (a number) is that of `sperling_bands`.
+    Below 2 very good, 2.5 good, 3 satisfactory for passengers (recalled).
 
-    `power` 6.67 adds mean squares, so that Wz does not depend on where the bands' edges lie; many codes take the tenth root
-    of tenth powers (`power=10`), which is lower. Below 2 very good, 2.5 good, 3 satisfactory for passengers (recalled).
+    Args:
+        acceleration: samples of shape `(samples, *lanes)`, m/s^2, of about 10 s or more.
+        sampling_rate: Hz, about 75 or more.
+        direction: "lateral" or "vertical".
+        exponent: of `sperling_bands`, dimensionless; some codes have 0.15.
+        power: dimensionless; 6.67 adds mean squares, so that Wz does not depend on where the bands' edges lie. Many codes take
+            the tenth root of tenth powers (10), which is lower.
+
+    Raises:
+        InputError: for another direction, and a record so short or so slowly sampled that a band holds no spectral line.
     """
     bands = sperling_bands(acceleration, sampling_rate, direction, exponent)
     return combined(bands, power)

@@ -48,20 +48,36 @@ def simulate(
 ) -> Simulation:
     """Run the vehicle over a track: RK4 with fixed step.
 
-    Arguments (SI): `speed` in m/s, a number or a `SpeedProfile`; `track` (default tangent); `damper` in place of rho_cy (default
-    the vehicle's own); `duration` and `dt` in s; `initial`, a state x of shape (states,) or coordinates by name
-    ({"wheelset_y": 5e-3}; 0 where not given); `record`, channels stored every `sample` seconds (default 10 dt; a multiple of dt)
-    at the instants 0, sample, 2 sample, ...; `reduce`, sums such as "rms:carbody_acceleration" taken over every step after
-    `settle` seconds and not stored. `railjax.CHANNELS` lists the channels. A run alone, or a small batch, keeps its states, and any
-    channel can be read off them afterwards: `run["bogie_y"]`.
+    A batch: any number in vehicle, speed, track, damper or initial may be an array of one axis of lanes; the others are shared.
+    Lanes run on all devices (`use_all_cores`). Inside `jax.vmap` or `jax.grad` it works as well. A run alone, or a small batch,
+    keeps its states, and any channel can be read off them afterwards: `run["bogie_y"]`.
 
-    A batch: any number in vehicle, speed, track, damper or initial may be an array of one axis of lanes; the others are
-    shared. Lanes run in chunks of `chunk` in number (default: what is quickest) on all devices (`use_all_cores`). Inside `jax.vmap` or `jax.grad` it works as well.
-
-    A single run whose dt is beyond what RK4 holds raises `InputError`; in a batch (or inside a transformation) such a lane is
-    marked in `code` and the others are kept. A run that diverges is marked, alone as well: its history tells how. Failed lanes
-    leave the derivatives of what they share with others alone. Differentiable in forward and reverse mode (checkpointed), but never
+    A single run whose dt is beyond what RK4 holds is refused; in a batch (or inside a transformation) such a lane is marked in
+    `code` and the others are kept. A run that diverges is marked, alone as well: its history tells how. Failed lanes leave the
+    derivatives of what they share with others alone. Differentiable in forward and reverse mode (checkpointed), but never
     differentiate a long hunting run: its phase pollutes the gradient.
+
+    Args:
+        vehicle: what runs, as `load_vehicle` gives it.
+        speed: v, m/s, or a `SpeedProfile`.
+        track: the alignment that is met; by default tangent track.
+        damper: what takes the place of rho_cy; by default the vehicle's own.
+        duration: s, a whole number of steps and of samples.
+        dt: step of RK4, s.
+        initial: state at the start, SI: x of shape `(states,)` or `(states, lanes)`, or coordinates and rates by name
+            ({"wheelset_y": 5e-3, "bogie_y_rate": 0.1}), 0 where not given; by default rest.
+        record: channels that are stored, from `railjax.CHANNELS`.
+        sample: interval between stored instants 0, sample, 2 sample, ..., s, a multiple of dt; by default 10 dt, or the most
+            steps below that which divide the run.
+        reduce: "rms:", "mean:" or "peak:" and a channel, such as "rms:carbody_acceleration": taken over every step, without
+            storing it.
+        settle: time at the start that `reduce` leaves out, s.
+        chunk: number of lanes that run together; by default what is quickest.
+
+    Raises:
+        InputError: for a dt that RK4 does not hold, times that are no whole number of steps, channels that do not exist or are
+            those of a body that is held, coordinates that do not exist, an initial state of another length, and times that are
+            traced.
     """
     track = TangentTrack() if track is None else track
     plan = _plan(vehicle, duration, dt, sample, tuple(record), tuple(reduce), settle)

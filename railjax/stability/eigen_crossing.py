@@ -115,7 +115,7 @@ class _Modes(NamedTuple):
 
     @property
     def drift(self) -> Any:
-        """dlambda/ds."""
+        """dlambda/ds of each eigenvalue."""
         return self.moved.diagonal(axis1=-2, axis2=-1)
 
 

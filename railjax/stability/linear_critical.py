@@ -61,9 +61,21 @@ def linear_critical_speed(
 ) -> Float[Array, "..."]:
     """Speed (m/s) at which straight running first becomes unstable: an eigenvalue of E (eq. 4) crosses the imaginary axis.
 
-    Differentiable once with respect to every float of the vehicle, in both modes (a second derivative raises an error). With
-    lanes in the vehicle the result has one value per lane: inf where stable up to `highest` (m/s), NaN where unstable at
-    `lowest` (m/s) already or not computable. For a single vehicle these raise `NumericalError`. Needs double precision.
+    Differentiable once with respect to every float of the vehicle, in both modes (a second derivative raises an error). Where
+    stability could not be proved at all speeds below, a RuntimeWarning says so.
+
+    Args:
+        vehicle: the vehicle, or a batch with lanes in any of its numbers.
+        damper: what takes the place of rho_cy, linearised at rest; by default the vehicle's own. It may have lanes too.
+        lowest: speed from which on a crossing is looked for, m/s; by default 3.
+        highest: speed up to which it is looked for, m/s; by default 150.
+
+    Returns:
+        The speed, m/s, one per lane: inf where stable up to `highest`, NaN where unstable at `lowest` already or not computable.
+
+    Raises:
+        NumericalError: for a single vehicle that has no such speed.
+        InputError: for `lowest` not below `highest`, and in single precision.
     """
     found = linear_critical(vehicle, damper=damper, lowest=lowest, highest=highest)
     if isinstance(found.code, jax.core.Tracer):
@@ -91,7 +103,17 @@ def linear_critical_speed(
 def linear_critical(
     vehicle: Vehicle, *, damper: Damper = PASSIVE, lowest: float = LOWEST, highest: float = HIGHEST
 ) -> LinearCritical:
-    """As `linear_critical_speed`, `lowest` and `highest` in m/s too, with frequency and result code instead of errors."""
+    """As `linear_critical_speed`, with frequency and result code instead of errors.
+
+    Args:
+        vehicle: the vehicle, or a batch with lanes in any of its numbers.
+        damper: what takes the place of rho_cy, linearised at rest; by default the vehicle's own. It may have lanes too.
+        lowest: speed from which on a crossing is looked for, m/s; by default 3.
+        highest: speed up to which it is looked for, m/s; by default 150.
+
+    Raises:
+        InputError: for `lowest` not below `highest`, and in single precision.
+    """
     require_double_precision("the linear critical speed")
     trees = bare(vehicle, damper)
     return _found(Batch.of(*trees).lanes, trees, lowest, highest)[0]

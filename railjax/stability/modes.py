@@ -75,7 +75,16 @@ class Modes:
 
 @guarded(speed=ONE_SPEED)
 def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
-    """Eigenvalues and shapes of E (eq. 4) at `speed` in m/s, named by their kinetic energy. Needs double precision."""
+    """Eigenvalues and shapes of E (eq. 4) at one speed, named by their kinetic energy.
+
+    Args:
+        vehicle: a single vehicle, without lanes.
+        speed: v, m/s.
+        damper: what takes the place of rho_cy, linearised at rest; by default the vehicle's own.
+
+    Raises:
+        InputError: for a speed that is not positive, and in single precision.
+    """
     require_double_precision("the modes")
     if not 0 < float(speed) < float("inf"):
         raise InputError(f"speed must be positive (m/s), not {float(speed):g}: creepage is a ratio to the speed")
@@ -197,11 +206,17 @@ class RootLocus:
 
     @property
     def damping_ratio(self) -> Float[np.ndarray, "speeds modes"]:
-        """zeta = -Re(lambda)/|lambda|."""
+        """zeta = -Re(lambda)/|lambda| of each mode at each speed; negative means unstable."""
         return damping_ratios(self.eigenvalues)
 
     def plot(self, axes: "Axes", limit: float = 0.6, marks: Mapping[str, float] | None = None) -> None:
-        """Damping ratio over speed of the modes that are ever less damped than `limit` (a ratio); `marks` are speeds in km/h by the name that they get."""
+        """Damping ratio in % over speed in km/h, a line a mode; twins that differ by the phase of the bogies share a colour.
+
+        Args:
+            axes: where it is drawn.
+            limit: damping ratio, dimensionless; modes that are never less damped are left out.
+            marks: speeds in km/h by the name that each gets beside a line across the diagram; the first two are drawn.
+        """
         damping = self.damping_ratio
         order = np.argsort(damping.min(axis=0))
         colours: dict[str, str] = {}
@@ -226,8 +241,19 @@ class RootLocus:
 
 @guarded(speeds=SPEED)
 def root_locus(vehicle: Vehicle, speeds: Float[np.ndarray, "speeds"], damper: Damper = PASSIVE) -> RootLocus:
-    """Track every oscillating mode from the highest of the `speeds` (m/s, rising) down to the lowest, by the overlap |w_i^H r_j| of left and right
-    eigenvectors of neighbouring speeds. Names are those at the highest speed, where the parts are told apart best.
+    """Every oscillating mode over the speed, tracked from the highest down to the lowest.
+
+    Modes of neighbouring speeds belong together by the overlap |w_i^H r_j| of left and right eigenvectors. Names are those at the
+    highest speed, where the parts are told apart best.
+
+    Args:
+        vehicle: a single vehicle, without lanes.
+        speeds: two or more in rising order, shape `(speeds,)`, m/s; where `overlap` of the result is well below 1 a finer step is
+            needed.
+        damper: what takes the place of rho_cy, linearised at rest; by default the vehicle's own.
+
+    Raises:
+        InputError: for speeds that are not positive or do not rise, and in single precision.
     """
     from scipy.optimize import linear_sum_assignment
 

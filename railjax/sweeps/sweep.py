@@ -75,13 +75,7 @@ def sweep(
 ) -> "xarray.Dataset":
     """A study at every point of a design, as a labelled dataset with units and a result code per point.
 
-    >>> railjax.sweep(  # doctest: +SKIP
-    ...     railjax.ForcedRun(reduce=("rms:carbody_acceleration",), duration=2.0),
-    ...     over={"speed": np.linspace(40.0, 80.0, 41), "damper.alpha": [0.2, 0.5, 1.0]},
-    ...     vehicle=coach, damper=railjax.BalanceLogic(), track=railjax.SinusoidTrack(5e-3, 20.0), out="results.zarr",
-    ... )
-
-    The study. A function of any of `vehicle`, `speed`, `track` and `damper`, which it gets by name, as it takes them; what varies
+    A study is a function of any of `vehicle`, `speed`, `track` and `damper`, which it gets by name, as it takes them; what varies
     in them is an array with one value per point of a chunk (lanes). `simulate`, `linear_critical` and the like take lanes, so
 
         def study(vehicle, speed):
@@ -92,23 +86,48 @@ def sweep(
     Ready-made: `ForcedRun`, `CriticalSpeed`, `NonlinearCriticalSpeed`, `LeastDamping`. As these, a study may have attributes
     `units` and `dims` (of the axes before the points) by result, `codes` (an `IntEnum`) and `chunk`.
 
-    The points. `over` names parameters: "speed" (m/s), "primary.stiffness_x" (of the vehicle), "track.amplitude", "damper.alpha", or an
-    argument of the study's own; values in SI. `design`, `samples` and `seed` as in `make_design`: a "grid" of {name: values}
-    (default; one dimension per parameter), "points" of {name: column}, "latin-hypercube" or "sobol" of {name: (low, high)}.
+    The results have a variable "code", with its meaning in the attributes: 0 ok, above it the study's own, below it: -1 the study
+    raised an error at this point (logged, results NaN), -2 a result is NaN, -3 not yet computed. What the study raises at every
+    point tried of the first chunk is raised. Stopped at any moment, the same call with the same store goes on where it was, to
+    the same bits; a store of another study (or release of railjax or JAX) is refused.
 
-    Results. In memory, or with `out` in a Zarr store, written chunk by chunk (`chunk` points each, at most) and returned lazily
-    opened: memory does not grow with the study. Stopped at any moment, the same call goes on where it was, to the same bits; a
-    store of another study (or release of railjax or JAX) is refused. `units` of the results of a function of one's own.
-    Variable "code", with its meaning in the attributes: 0 ok, above it the study's own, below it: -1 the study raised an error at
-    this point (logged, results NaN), -2 a result is NaN, -3 not yet computed.
+    Chunks are computed on all local devices (`use_all_cores`), on an executor's workers, or, after `jax.distributed.initialize`,
+    by several processes that each take a share and write to one store.
 
-    Where. On all local devices (`use_all_cores`); or on the workers of an `executor`, anything with the `submit` of
-    concurrent.futures (dask: `client.get_executor()`), with at most `in_flight` chunks at a time (default: two per worker or core) and
-    `worker_devices` CPU devices each (default: as many as here). After `jax.distributed.initialize`, or with `part=(k, n)`, this
-    process takes the k-th of n shares of the chunks, and all write to one store. `progress`: True for a bar, or a function of a
-    `Progress`.
+    Args:
+        study: the function, or one of the ready-made.
+        over: what varies, in SI: "speed" (m/s), "primary.stiffness_x" (of the vehicle), "track.amplitude", "damper.alpha", or an
+            argument of the study's own, with its values or range as `design` takes them.
+        vehicle: where the study takes one; what does not vary of it stays as it is.
+        speed: m/s, where the study takes one and it does not vary.
+        track: where the study takes one.
+        damper: where the study takes one.
+        design: "grid" of {name: values} (one dimension per parameter), "points" of {name: column}, "latin-hypercube" or "sobol"
+            of {name: (low, high)} or {name: (low, high, "log")}.
+        samples: number of points of the last two designs, of Sobol's sequence best a power of two.
+        seed: of the last two designs, a whole number from 0 on.
+        units: of results and of arguments of the study's own, by name, where the study does not say them.
+        out: Zarr store, written chunk by chunk and returned lazily opened, so that memory does not grow with the study; by
+            default all is in memory.
+        chunk: number of points of a chunk, at most; by default the study's own, else 1024.
+        executor: anything with the `submit` of concurrent.futures (dask: `client.get_executor()`), on whose workers chunks are
+            computed.
+        in_flight: number of chunks at a time that the executor holds; by default two per worker or core.
+        worker_devices: number of CPU devices of each worker; by default as many as here.
+        part: (k, n), this process takes the k-th, from 0, of a number of n shares of the chunks; by default as `jax.distributed`
+            says.
+        progress: True for a bar, or a function of a `Progress`.
 
-    Raises `InputError` for anything that cannot be swept, and what the study raises at every point tried of the first chunk.
+    Raises:
+        InputError: for anything that cannot be swept.
+        NumericalError: for a chunk that fails on the executor's workers again and again.
+
+    Examples:
+        >>> railjax.sweep(  # doctest: +SKIP
+        ...     railjax.ForcedRun(reduce=("rms:carbody_acceleration",), duration=2.0),
+        ...     over={"speed": np.linspace(40.0, 80.0, 41), "damper.alpha": [0.2, 0.5, 1.0]},
+        ...     vehicle=coach, damper=railjax.BalanceLogic(), track=railjax.SinusoidTrack(5e-3, 20.0), out="results.zarr",
+        ... )
     """
     points = make_design(over, design, samples, seed)
     given = {"vehicle": vehicle, "speed": speed, "track": track, "damper": damper}

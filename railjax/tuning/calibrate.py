@@ -72,22 +72,33 @@ def calibrate(
 ) -> Calibration:
     """The vehicle with uncertain parameters chosen such that its results are the reported ones.
 
-    >>> fitted = calibrate(
-    ...     literal,
-    ...     fit={"guidance": ("primary.stiffness_x", "primary.stiffness_y"), "friction": ("contact.friction",)},
-    ...     to={"linear_kmh": 245.6, "fold_kmh": 234.2},
-    ...     start={"guidance": 12.6},
-    ... )  # doctest: +SKIP
+    With more results than unknowns the sum of their squared relative errors is made smallest.
 
-    Each unknown of `fit` is one positive factor on the parameters it names, found on a logarithmic scale within `bounds`, from
-    1 or its value in `start` on. The results of `to` are those of `RESULTS` in km/h and mm; the fold's amplitude is that of the `wheelset` of
-    `nonlinear_critical`. With more results than unknowns the sum of their squared relative errors is made smallest.
+    `scipy.optimize.least_squares` on a logarithmic scale with exact derivatives, of critical speeds by the implicit function and
+    of the fold's amplitude by the curvature of the branch. A trial vehicle without a fold makes the step shorter.
 
-    `scipy.optimize.least_squares` with exact derivatives, of critical speeds by the implicit function and of the fold's
-    amplitude by the curvature of the branch. A trial vehicle without a fold makes the step shorter.
+    Args:
+        vehicle: the vehicle with the values that the factors are of.
+        fit: unknowns by name; each is one positive factor on the parameters of its tuple of dotted names.
+        to: the wanted results: "linear_kmh" and "fold_kmh" in km/h, "fold_amplitude_mm" in mm.
+        start: first value of unknowns by name, dimensionless; 1 where not given.
+        bounds: least and greatest factor, dimensionless.
+        damper: what takes the place of rho_cy; by default the vehicle's own.
+        wheelset: the one whose amplitude at the fold is meant, counted from the front, 0 the first; by default the leading one of
+            the trailing bogie.
 
-    Raises `InputError` for names that do not exist, values that cannot be scaled, more unknowns than results, and results that
-    the vehicle does not have at the start; `NumericalError` where the results are not met. Needs double precision.
+    Raises:
+        InputError: for names that do not exist, values that cannot be scaled, more unknowns than results, an unknown that moves
+            no result, results that the vehicle does not have at the start, and in single precision.
+        NumericalError: where the results are not met.
+
+    Examples:
+        >>> fitted = calibrate(
+        ...     literal,
+        ...     fit={"guidance": ("primary.stiffness_x", "primary.stiffness_y"), "friction": ("contact.friction",)},
+        ...     to={"linear_kmh": 245.6, "fold_kmh": 234.2},
+        ...     start={"guidance": 12.6},
+        ... )  # doctest: +SKIP
     """
     from scipy.optimize import least_squares  # here, for a quick import of railjax
 

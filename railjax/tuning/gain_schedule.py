@@ -119,16 +119,31 @@ def schedule_gain(
     dt: float = 1e-3,
     scatter: Scatter | None = None,
 ) -> GainSchedule:
-    """The gain, `parameter`, of a damper (default balance logic's α) for the least r.m.s. of a channel over rising `speeds` (m/s) on a track.
+    """The gain of a damper for the least r.m.s. of a channel over the speed on a track: the best at each speed, one for all, and
+    α(v).
 
-    All speeds are lanes of one batch of forced runs with the smooth laws, differentiated in forward mode: at each speed the best of
-    9 gains within `bounds` (SI), then 6 steps of a safeguarded secant on the derivative between its neighbours; then a polynomial α(v) of
-    `degree` and a single gain, each for the least mean square over the speeds. With `scatter` all this is of the mean square over
-    its samples. `duration`, `settle` and `dt` (s) are
-    those of the runs as in `simulate`. `track` is by default the paper's periodic one (5 mm, 20 m assumed).
+    All speeds are lanes of one batch of forced runs with the smooth laws, differentiated in forward mode: at each speed the best
+    of 9 gains within the bounds, then 6 steps of a safeguarded secant on the derivative between its neighbours; then a polynomial
+    α(v) and a single gain, each for the least mean square over the speeds. Speeds at which the vehicle hunts are left out (NaN):
+    no gain is tuned there.
 
-    Speeds at which the vehicle hunts are left out (NaN): no gain is tuned there. Raises `InputError` for bad speeds, bounds and
-    parameters, `NumericalError` where the vehicle hunts at every speed. Needs double precision.
+    Args:
+        vehicle: a single vehicle.
+        speeds: two or more in rising order, shape `(speeds,)`, m/s.
+        track: what excites the vehicle; by default the paper's periodic one (5 mm, 20 m assumed).
+        damper: the controlled damper; by default `BalanceLogic`.
+        parameter: the damper's field that is the gain.
+        bounds: least and greatest gain, in its SI unit; α of the balance logic is dimensionless.
+        degree: of the polynomial α(v), a whole number from 0 to the number of speeds less 1.
+        channel: whose r.m.s. is made least, of several places together; from `railjax.CHANNELS`.
+        duration: of each run, s.
+        settle: time at the start that does not count, s.
+        dt: step of RK4, s.
+        scatter: parameters that vary; the mean square is then that over its samples.
+
+    Raises:
+        InputError: for speeds, bounds, a degree or a parameter that cannot be, and in single precision.
+        NumericalError: where the vehicle hunts at every speed.
     """
     require_double_precision("schedule_gain")
     began = time.perf_counter()

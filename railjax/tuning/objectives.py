@@ -52,12 +52,22 @@ def comfort(
     method: str = "auto",
     **run: Any,
 ) -> Quantity:
-    """Weighted r.m.s. of an acceleration `channel`, m/s^2: the root mean square over all `speeds` (m/s) and tracks, of several places the worst.
+    """Weighted r.m.s. of an acceleration, m/s^2: the root mean square over all speeds and tracks, of several places the worst.
 
-    `track` is a spectrum (a name, a table, a formula), a `RandomTrack`, or several of these in a list. `method`: "frequency" (linear; exact and in milliseconds), "statistical"
-    (equivalent creep, flange and balance logic) or "time" (forward mode through a forced run, for any track, which may then be a
-    `SinusoidTrack`; it takes `duration`, `settle` and `dt` in s; refused where the vehicle hunts). "auto" is "time" for tracks
-    that are no random ones, "statistical" for balance logic and laws of your own without memory, else "frequency". `weighting` None is the plain r.m.s.
+    Args:
+        speeds: one or several, shape `(speeds,)`, m/s.
+        track: a spectrum (a name, a table, a formula), a `RandomTrack`, by method "time" any track, or several of these in a
+            list.
+        weighting: name of a frequency weighting, as `weighting` has them; None for the plain r.m.s.
+        channel: of the vehicle, from `railjax.CHANNELS`.
+        method: "frequency" (linear; exact and in milliseconds), "statistical" (equivalent creep, flange and balance logic) or
+            "time" (forward mode through a forced run; refused where the vehicle hunts). "auto" is "time" for tracks that are no
+            random ones, "statistical" for balance logic and laws of your own without memory, else "frequency".
+        **run: `duration`, `settle` and `dt` of the runs of method "time", s.
+
+    Raises:
+        InputError: for speeds, names or options that cannot be; where the damper has no law for the method it is `tune` that
+            raises.
     """
     if weighting is not None:
         check_weighting(weighting)
@@ -74,7 +84,16 @@ def travel(
 ) -> Quantity:
     """Largest lateral travel of the secondary suspension, m: of all speeds, tracks and bogies the greatest.
 
-    On a random track `peak_factor` times the r.m.s.; with method "time" the peak of the run itself. Otherwise as `comfort`.
+    Args:
+        speeds: one or several, shape `(speeds,)`, m/s.
+        track: a spectrum, a `RandomTrack`, by method "time" any track, or several of these in a list, as in `comfort`.
+        peak_factor: on a random track the times of the r.m.s. that count as the peak, dimensionless, by default 3; by method
+            "time" the peak is the run's own.
+        method: as in `comfort`.
+        **run: `duration`, `settle` and `dt` of the runs of method "time", s.
+
+    Raises:
+        InputError: as in `comfort`.
     """
     return _response("secondary travel", speeds, track, "secondary_travel", None, peak_factor, method, run)
 
@@ -87,7 +106,19 @@ def guiding_force(
     method: str = "auto",
     **run: Any,
 ) -> Quantity:
-    """Largest lateral force of the track on a wheelset (ΣY), N; `speeds` (m/s), `track`, the number `peak_factor` and `method` as in `travel`."""
+    """Largest lateral force of the track on a wheelset (ΣY), N: of all speeds, tracks and wheelsets the greatest.
+
+    Args:
+        speeds: one or several, shape `(speeds,)`, m/s.
+        track: a spectrum, a `RandomTrack`, by method "time" any track, or several of these in a list, as in `comfort`.
+        peak_factor: on a random track the times of the r.m.s. that count as the peak, dimensionless, by default 3; by method
+            "time" the peak is the run's own.
+        method: as in `comfort`.
+        **run: `duration`, `settle` and `dt` of the runs of method "time", s.
+
+    Raises:
+        InputError: as in `comfort`.
+    """
     return _response("guiding force", speeds, track, "guiding_force", None, peak_factor, method, run)
 
 
@@ -148,8 +179,16 @@ def _frequency(harmonic_hz: Any) -> float | None:
 
 
 def describing(damper: Damper, vehicle: Vehicle, harmonic_hz: float | None) -> Damper:
-    """The damper's smooth twin, or the describing function of balance logic at the frequency `harmonic_hz` (Hz). Raises `InputError` for other
-    controlled dampers."""
+    """The damper's smooth twin, or the describing function of balance logic.
+
+    Args:
+        damper: any; with a frequency, of the controlled ones only balance logic without lags and limit.
+        vehicle: gives k_cy.
+        harmonic_hz: frequency of the harmonic motion, Hz; None for the smooth twin.
+
+    Raises:
+        InputError: with a frequency, for other controlled dampers.
+    """
     if harmonic_hz is None or not hasattr(damper, "held"):
         return smooth_damper(damper)
     if not isinstance(damper, BalanceLogic) or not memoryless(damper) or damper.force_limit is not None:

@@ -62,7 +62,13 @@ class Front:
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
     def plot(self, axes: "Axes", label: str = "", colour: str | None = None) -> None:
-        """The front, objective upwards, and the vehicle as it is; `label` and `colour` of the curve."""
+        """The front, objective upwards over `against`, and the vehicle as it is, a cross; units as printed.
+
+        Args:
+            axes: where it is drawn.
+            label: of the curve in the legend, without one none.
+            colour: of the curve; by default the first of the style's.
+        """
         from ..base.style import COLOURS, with_powers
 
         one, other = self.quantity, self.against_quantity
@@ -75,7 +81,7 @@ class Front:
         axes.set(xlabel=f"{other.name}, {with_powers(other.unit)}", ylabel=f"{one.name}, {with_powers(one.unit)}")
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Over the points."""
+        """The front as a dataset over its points, in SI."""
         import xarray
 
         named = {"objective": self.objective, "against": self.against, "met": self.met, **self.parameters}
@@ -94,11 +100,24 @@ def pareto(
     points: int = 20,
     tolerance: float = TOLERANCE,
 ) -> Front:
-    """How much of `objective` must be given for how much of `against`, over the `parameters` (as in `railjax.tune`).
+    """How much of one quantity must be given for how much of another: the Pareto front, by the epsilon-constraint method.
 
     The ends are the best of either alone; between them `against` is held at evenly spaced limits and `objective` made best by
-    SLSQP with exact derivatives, each from the answer before: so many `points` in number, each under the `constraints` and to the
-    relative `tolerance` of `tune`. Raises as `tune`.
+    SLSQP with exact derivatives, each from the answer before. Points that another is better than in both are left out.
+
+    Args:
+        vehicle: a single vehicle.
+        parameters: bounds in SI by dotted name, as in `tune`.
+        objective: the one quantity, from `railjax.objectives`.
+        against: the other, from `railjax.objectives`.
+        constraints: `quantity >= limit` or `quantity <= limit`, one or several, that every point must meet.
+        damper: what takes the place of rho_cy; by default the vehicle's own.
+        points: number of points, 2 or more.
+        tolerance: relative change of what is made best that ends the search for a point, dimensionless; by default 1e-4.
+
+    Raises:
+        InputError: as `tune`, and for fewer than 2 points.
+        NumericalError: where the vehicle itself has no value of both.
     """
     require_double_precision("pareto")
     if not isinstance(points, int) or points < 2:

@@ -48,7 +48,7 @@ class Quantity:
 
     def each(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "lanes"]:
         """`value` of every lane of a batch, whose leaves have lanes on their last axis; one after another, as LAPACK's batched
-        calls deadlock when several are at work (`linear`)."""
+        calls deadlock when several are at work (`Batch.in_chunks`)."""
         batch = Batch.of(vehicle, damper)
         return jax.lax.map(lambda lane: self.value(*batch.take(lane)), jnp.arange(batch.lanes))
 

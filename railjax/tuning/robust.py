@@ -139,7 +139,7 @@ class Robust(Quantity):
         return float(np.min(found) if self.quantity.greatest else np.max(found))
 
     def check(self, vehicle: Vehicle, damper: Damper, end: Any = None) -> None:
-        """Of every sample."""
+        """Raise `InputError` where the quantity of a sample must not be differentiated."""
         if self.quantity.mode == "forward":
             for tree in self._apart(vehicle, damper):
                 self.quantity.check(*tree)

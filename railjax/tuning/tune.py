@@ -95,30 +95,40 @@ def tune(
 ) -> Tuning:
     """The values of some parameters that make an objective best under constraints.
 
-    >>> from railjax import objectives as aim
-    >>> railjax.tune(
-    ...     coach,
-    ...     {"primary.stiffness_x": (1e6, 20e6), "secondary.damping_y": (5e3, 80e3)},
-    ...     aim.comfort(220 / 3.6),
-    ...     [aim.linear_critical_speed() >= 260 / 3.6, aim.travel(220 / 3.6) <= 0.06],
-    ... )  # doctest: +SKIP
+    With one start and no search on the host among the quantities, the most promising of a few points of the box is a second
+    start, unless it lies near the answer: what is found is a local optimum, and more starts find more of them. A start that
+    cannot be computed is marked in `descents` and does not disturb the others. Derivatives are exact and of the mode that suits
+    each quantity. The answer is checked with the sharp laws.
 
-    `parameters`: bounds in SI by dotted name ("damper.alpha" for the damper's own), see `DesignSpace.of`. `objective` and the
-    quantities of `constraints` come from `railjax.objectives`; critical speeds and damping are made greatest, all else least.
-    The first of the `starts` is the vehicle itself, the others are drawn by a Sobol sequence of `seed`. With one start and no search on the
-    host among the quantities, the most promising of a few such points is a second start, unless it lies near the answer: what is
-    found is a local optimum, and more starts find more of them.
+    Args:
+        vehicle: a single vehicle.
+        parameters: bounds (low, high) in SI by dotted name ("damper.alpha" for the damper's own); a tuple of names ties them, and
+            a third entry "log" or "linear" chooses the scale (by default logarithmic for positive bounds of ratio 2 or more).
+        objective: from `railjax.objectives`; critical speeds and damping are made greatest, all else least.
+        constraints: `quantity >= limit` or `quantity <= limit`, limits in SI, one or several.
+        damper: what takes the place of rho_cy; by default the vehicle's own.
+        starts: number of starts; the first is the vehicle itself, the others are drawn by a Sobol sequence.
+        seed: of that sequence, a whole number from 0 on.
+        optimiser: "slsqp" (SciPy's, the default: one start after another), "lbfgs" (optax's in an augmented Lagrangian, all
+            starts as one batch), "adam", or any optax transformation.
+        tolerance: relative change of the objective that ends a descent, dimensionless; by default 1e-6.
+        most_steps: number of steps that ends a descent (of a round of the augmented Lagrangian); by default 200.
+        tighten: where the sharp laws do not meet a constraint, whether the smooth computation's limit is moved by the difference
+            and the search goes on from there, up to 4 times.
 
-    `optimiser`: "slsqp" (SciPy's, the default, one start after another), "lbfgs" (optax's in an augmented Lagrangian, all starts as one
-    batch), "adam", or any optax transformation. Derivatives are exact and of the mode that suits each quantity.
-    `tolerance`, the relative change of the objective, and the number `most_steps` end a descent.
-    A start that cannot be computed is marked in `descents` and does not disturb the others.
+    Raises:
+        InputError: for bad names, bounds and constraints, where a run would be differentiated that hunts, and in single
+            precision.
+        NumericalError: where no start leads anywhere.
 
-    The answer is checked with the sharp laws. With `tighten`, where these do not meet a constraint the smooth computation's limit
-    is moved by the difference and the search goes on from there, up to 4 times.
-
-    Raises `InputError` for bad names, bounds and constraints, and where a run would be differentiated that hunts; `NumericalError` where
-    no start leads anywhere. Needs double precision.
+    Examples:
+        >>> from railjax import objectives as aim
+        >>> railjax.tune(
+        ...     coach,
+        ...     {"primary.stiffness_x": (1e6, 20e6), "secondary.damping_y": (5e3, 80e3)},
+        ...     aim.comfort(220 / 3.6),
+        ...     [aim.linear_critical_speed() >= 260 / 3.6, aim.travel(220 / 3.6) <= 0.06],
+        ... )  # doctest: +SKIP
     """
     require_double_precision("tune")
     began = time.perf_counter()

@@ -30,12 +30,16 @@ HERTZ = "Instead of the four creep coefficients, from the contact ellipse of thi
 
 @guarded()
 def vehicle_toml(vehicle: Vehicle, *, name: str = "", source: str = "") -> str:
-    """The text of a vehicle file with every key of `vehicle`, commented; `load_vehicle` makes the same vehicle of it.
+    """The text of a vehicle file with every key, commented; `load_vehicle` makes the same vehicle of it.
 
-    `name` and `source` become those of the file. The vehicle's note is not written, as it is about the original. Optional parts
-    and values that the vehicle does without are there as comments. Marks of provenance are written with the value they are
-    about, so that they end with it. Numbers come in the largest unit in which they are not below 1 and that keeps them to the
-    last bit; a vehicle with lanes has no such text.
+    The vehicle's note is not written, as it is about the original. Optional parts and values that the vehicle does without are
+    there as comments. Marks of provenance are written with the value they are about, so that they end with it. Numbers come in
+    the largest unit in which they are not below 1 and that keeps them to the last bit.
+
+    Args:
+        vehicle: a single vehicle; one with lanes has no such text.
+        name: of the new vehicle.
+        source: where its values are from.
     """
     marks = {entry.parameter: entry.status for entry in vehicle.provenance}
     lines = [*_comment(HEAD), "", f"name = {_text(name)}"]

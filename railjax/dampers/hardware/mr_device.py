@@ -32,7 +32,7 @@ class MrFluid:
     """MRF-132LD as the paper uses it (Table 4): yield stress at the field that the device is designed for.
 
     The viscosity is the supplier's at a shear rate of 140 1/s. `volume_fraction` (of iron; recalled, by the product's name)
-    sets the magnetic curves of `magnetic`.
+    sets the magnetic curves of `magnetic_circuit`.
     """
 
     yield_stress: Number = quantity("Pa", "tau_c", "yield stress at the design field", 44.1e3, positive=True)
@@ -47,7 +47,7 @@ class MrDevice:
     """Geometry of Tables 3 and 5; core, case and turns are not in the paper.
 
     `core_diameter` leaves room for three full layers of wire, the fewest that reach the design field at 1.5 A
-    (`damper_design.wind` finds it); `turns` fills them. `core_bore` is a non-magnetic hole in the core: 0 says that the piston rod in it is of
+    (`design.wind` finds it); `turns` fills them. `core_bore` is a non-magnetic hole in the core: 0 says that the piston rod in it is of
     magnetic steel and carries flux. `case_diameter` is assumed. `friction` of the seals is unknown and left out.
     """
 

@@ -73,22 +73,35 @@ def identify_damper(
     evolution: bool = False,
     seed: int = 0,
 ) -> Identification:
-    """Fit a modified Bouc-Wen damper (n = 2) to the first part of a record, the share `fit_share`, and score it on the rest; of several
-    records, or of one whose time begins anew, to the first part of each stretch, as one fit.
+    """Fit a modified Bouc-Wen damper (n = 2) to the first part of a record, and score it on the rest.
 
-    All `starts` are optimised in one batch on a record thinned to about 1 ms (the published parameters, scaled to the record's
-    force and velocity, and random ones around them), the best goes on with the full record by Levenberg-Marquardt. `iterations` of the batch: 30 of
-    Levenberg-Marquardt by default, 300 of Adam. Samples are cut as finely as the integrator's own error asks. `voltage_law`: eqs.
-    (15)-(17), or the same of u_s tanh(u/u_s). `inertia`: of the rig's moving parts, between damper and load cell. `seed` is that of all that
-    is drawn. With `evolution`, differential evolution gets as many simulations, for comparison.
+    All starts are optimised in one batch on a record thinned to about 1 ms (the published parameters, scaled to the record's
+    force and velocity, and random ones around them), the best goes on with the full record by Levenberg-Marquardt. Samples are
+    cut as finely as the integrator's own error asks.
 
-    x - y at the start of each stretch, which takes 6 to 15 s to relax, is fitted; the first `settle` seconds of each are not scored, because z
-    and u are unknown at first. The velocity is given the mean that the displacement has; where the displacement is the velocity's integral,
-    the velocity's offset is fitted. Stretches with accelerations far beyond the usual, as of a rig in its stops, are named, and neither fitted
-    nor scored with `leave_out_jolts`.
+    x - y at the start of each stretch, which takes 6 to 15 s to relax, is fitted. The velocity is given the mean that the
+    displacement has; where the displacement is the velocity's integral, the velocity's offset is fitted. Stretches with
+    accelerations far beyond the usual, as of a rig in its stops, are named.
 
-    c_0, c_1 and α are fitted by their values at rest and at the highest voltage, which stay positive; so do k_0, k_1, β, γ, η
-    and u_s. Raises `InputError` for a record too short or options out of range, `NumericalError` where no start leads anywhere.
+    c_0, c_1 and α are fitted by their values at rest and at the highest voltage, which stay positive; so do k_0, k_1, β, γ, η and
+    u_s.
+
+    Args:
+        record: of a test; of several, or of one whose time begins anew, the first part of each stretch is fitted, as one fit.
+        voltage_law: "linear", eqs. (15)-(17), or "saturating", the same of u_s tanh(u/u_s).
+        inertia: whether the mass (kg) of the rig's moving parts, between damper and load cell, is fitted.
+        method: of the batch, "levenberg-marquardt" or "adam".
+        starts: number of starts of the batch, 1 or more.
+        iterations: number of the batch's iterations; by default 30 of Levenberg-Marquardt, 300 of Adam.
+        fit_share: share of each stretch that is fitted, dimensionless, 0.1 to 0.95.
+        settle: time at the start of each stretch that is not scored, s, because z and u are unknown at first.
+        leave_out_jolts: whether jolted stretches are neither fitted nor scored.
+        evolution: whether differential evolution gets as many simulations, for comparison.
+        seed: of all that is drawn, a whole number from 0 on.
+
+    Raises:
+        InputError: for a record too short, records that are not sampled alike, options out of range, and in single precision.
+        NumericalError: where no start leads anywhere.
     """
     require_double_precision("identify_damper")
     if not 0.1 <= fit_share <= 0.95:

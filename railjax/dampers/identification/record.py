@@ -135,17 +135,21 @@ def read_record(
 ) -> Record:
     """Read a record from a file of numbers: any separator, decimal mark, encoding, with comments and a header or without.
 
-    `columns` names the column (or gives its number, from 1) of "time", "displacement", "velocity", "command" and "force",
-    `units` their units, as `pint` writes them; what is not named is looked up in the header, which may give units as in "force
-    (kN)". Of displacement and velocity one is enough. `sample_rate` (Hz) has the last word over the time, which then may be
-    missing; stamps that jitter are resampled, and holes up to `bridge` s bridged. Without a command the record is taken as one
-    at 0 V; {"command": "none"} says so where other columns could be it. Negative commands count as zero, as the current
-    driver has one polarity.
-    Where the time begins anew a new stretch begins.
+    Of displacement and velocity one is enough. Stamps that jitter are resampled; where the time begins anew a new stretch begins.
+    Without a command the record is taken as one at 0 V. Negative commands count as zero, as the current driver has one polarity.
 
-    Raises `InputError` for a file that cannot be read, an unknown or missing column or unit, a cell that is no finite number,
-    time that does not increase, longer holes, units of displacement and velocity that disagree, and numbers without a unit
-    that no damper reaches in SI.
+    Args:
+        path: the file.
+        columns: name, or number from 1, of the column of "time", "displacement", "velocity", "command" and "force"; what is not
+            named is looked up in the header. {"command": "none"} says that there is none, where other columns could be it.
+        units: unit of each, as `pint` writes it; what is not named is looked up in the header, as in "force (kN)".
+        sample_rate: Hz; has the last word over the time, which then may be missing.
+        bridge: holes up to this length are bridged, s; by default 0.1.
+
+    Raises:
+        InputError: for a file that cannot be read, an unknown or missing column or unit, a cell that is no finite number, time
+            that does not increase, longer holes, units of displacement and velocity that disagree, and numbers without a unit
+            that no damper reaches in SI.
     """
     path, told = Path(path), dict(columns or {})
     without = (told.get("command") or "").lower() == NONE

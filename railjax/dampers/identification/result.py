@@ -141,7 +141,13 @@ class Identification:
         return "\n".join([*lines, *[f"note: {entry}" for entry in self.record.notes]])
 
     def plot(self, axes: "Axes", residual: "Axes | None" = None, seconds: float = 1.0) -> None:
-        """Measured and fitted force over the first held-out seconds, and the whole residual where axes are given for it."""
+        """Measured and fitted force over the first held-out seconds, and the residual.
+
+        Args:
+            axes: where the forces are drawn, kN over s.
+            residual: where measured minus fitted is drawn over the whole record; None leaves it out.
+            seconds: how much of the held-out part is shown, s.
+        """
         time, force = self.record.time, self.record.force
         begin = time[np.argmax(self.heldout_samples)]
         shown = (time >= begin) & (time <= begin + seconds)

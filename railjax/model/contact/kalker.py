@@ -106,13 +106,22 @@ def contact_ellipse(
     youngs_modulus: Scalar = STEEL_YOUNG,
     poisson: Scalar = STEEL_POISSON,
 ) -> ContactEllipse:
-    """Hertz: semi-axes (m) of the contact of a wheel on a rail head under `load` (N), both of the same material.
+    """Hertz: semi-axes (m) of the contact of a wheel on a rail head, both of the same material.
 
-    `wheel_radius` r_0 (m) is the rolling one, `wheel_profile_radius` (m) that of the profile, infinite for a cone and negative if
-    hollow, `rail_head_radius` in m; `youngs_modulus` E in Pa; `poisson` nu, a number.
+    Curvatures A = 1/(2 r_0) along, B = (1/R_rail + 1/R_wheel)/2 across. With the effective modulus E' = E/(2(1 - nu²)) and the
+    eccentricity k² of the ellipse, A/B fixes k and the load the size: Johnson, Contact Mechanics (1985), sec. 4.2. Every number
+    may have one value per lane.
 
-    Curvatures A = 1/(2 r_0) along, B = (1/R_rail + 1/R_wheel)/2 across. With the effective modulus E' = E/(2(1 - nu²)) and
-    the eccentricity k² of the ellipse, A/B fixes k and the load the size: Johnson, Contact Mechanics (1985), sec. 4.2.
+    Args:
+        load: P on the wheel, N; about 51e3 for a coach.
+        wheel_radius: rolling radius r_0, m; about 0.46.
+        rail_head_radius: R_rail, m; about 0.3.
+        wheel_profile_radius: R_wheel of the profile, m: infinite for a cone, negative if hollow.
+        youngs_modulus: E, Pa; by default steel's, 2.1e11.
+        poisson: Poisson's ratio nu, dimensionless, 0 to 0.5; by default steel's, 0.27.
+
+    Raises:
+        InputError: for a hollow wheel that is not wider than the rail head.
     """
     if not traced((rail_head_radius, wheel_profile_radius)):
         curvature = 1.0 / np.asarray(rail_head_radius, float) + 1.0 / np.asarray(wheel_profile_radius, float)
@@ -142,9 +151,21 @@ def creep_coefficients(
 ) -> CreepCoefficients:
     """f_11 = G ab C_11, f_33 = G ab C_22, f_12 = G (ab)^1.5 C_23, f_22 = G (ab)² C_33, with G = E/(2(1 + nu)).
 
-    f_11 and f_33 in N, f_12 in N m, f_22 in N m^2. Arguments as in `contact_ellipse`: `load` in N, `wheel_radius`, `rail_head_radius` and
-    `wheel_profile_radius` in m, `youngs_modulus` in Pa, `poisson` a number. A coach wheel (51 kN, r_0 0.46 m, rail head 0.3 m) gives about 10 MN; measured values
-    are often a third lower (contaminated rail).
+    f_11 and f_33 in N, f_12 in N m, f_22 in N m^2, for the ellipse of `contact_ellipse` and Kalker's table. A coach wheel (51 kN,
+    r_0 0.46 m, rail head 0.3 m) gives about 10 MN; measured values are often a third lower (contaminated rail). Every number may
+    have one value per lane.
+
+    Args:
+        load: P on the wheel, N.
+        wheel_radius: rolling radius r_0, m.
+        rail_head_radius: R_rail, m.
+        wheel_profile_radius: R_wheel of the profile, m: infinite for a cone, negative if hollow.
+        youngs_modulus: E, Pa; by default steel's, 2.1e11.
+        poisson: Poisson's ratio nu, dimensionless, 0 to 0.5; by default steel's, 0.27.
+
+    Raises:
+        InputError: for a hollow wheel that is not wider than the rail head, and an ellipse with a/b outside of 0.1 to 10, where
+            the table ends.
     """
     a, b = contact_ellipse(load, wheel_radius, rail_head_radius, wheel_profile_radius, youngs_modulus, poisson)
     c = kalker_coefficients(a / b, poisson)

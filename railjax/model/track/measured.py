@@ -114,14 +114,28 @@ class MeasuredTrack(SampledTrack):
         fade: float = 50.0,
         amplitude: Scalar = 1.0,
     ) -> "MeasuredTrack":
-        """Read a file of numbers (any separator, decimal mark, encoding): distance, alignment (or that of the left and right rail,
-        whose mean is taken), and where there are any, cross level and gauge, which are left out if values are missing.
+        """The track of a file of numbers, of any separator, decimal mark and encoding.
 
-        `columns` names the column of "distance", "alignment", "left", "right", "cross_level" and "gauge" (or gives its number, from
-        1), `units` their units; what is not named is looked up in the header, which may give units as in "alignment (mm)".
-        A record against the kilometres is turned round. `notes` say what was assumed and done. Waves are kept from `shortest` to
-        `longest` (m); versines over a `chord` (m) are restored and holes up to `bridge` m bridged; the record's ends are faded in
-        over `fade` m, and all is multiplied by the number `amplitude`.
+        It holds the distance, the alignment (or that of the left and right rail, whose mean is taken), and where there are any,
+        cross level and gauge, which are left out if values are missing. A record against the kilometres is turned round. `notes`
+        say what was assumed and done.
+
+        Args:
+            path: the file.
+            columns: name, or number from 1, of the column of "distance", "alignment", "left", "right", "cross_level" and "gauge";
+                what is not named is looked up in the header.
+            units: unit of each, as `pint` writes it; what is not named is looked up in the header, as in "alignment (mm)".
+            shortest: shorter waves are filtered away, m; by default none.
+            longest: longer waves are filtered away, m; by default none, with a `chord` those longer than ten chords, 200 m at
+                most.
+            chord: length of the chord where the alignment is versines in its middle, which are restored, m; 10, or 62 ft in m.
+            bridge: samples without a value, spikes and gaps up to this length are bridged, m; by default none.
+            fade: over which the alignment rises from straight track and returns to it at the ends, m.
+            amplitude: factor on all, dimensionless, one or one per lane.
+
+        Raises:
+            InputError: for a file that cannot be read, columns that are missing or whose numbers no track has in their unit,
+                versines without a `chord`, and what `MeasuredTrack` refuses.
         """
         path = Path(path)
         found, notes = read_track(path, columns or {}, units or {}, chord is not None, bridge is not None)

@@ -131,11 +131,20 @@ class TableSpectrum:
     def from_csv(
         cls, path: str | Path, *, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None
     ) -> "TableSpectrum":
-        """A table from a file with columns "wavenumber" (or "frequency", 1/m) and "density"; units in the header, or as told.
+        """A table from a file with columns "wavenumber" (or "frequency", 1/m) and "density".
 
-        `columns` names the columns (or gives their numbers, from 1), `units` their units.
+        Args:
+            path: the file, of any separator, decimal mark and encoding.
+            columns: name, or number from 1, of the columns of "wavenumber" and "density"; what is not named is looked up in the
+                header.
+            units: unit of each, "rad/m", "1/m" or "cycles/m" and "mm^2/(rad/m)" or the like; by default as the header says it.
 
-        >>> TableSpectrum.from_csv("line.csv")  # wavenumber (rad/m),density (mm^2/(rad/m))  # doctest: +SKIP
+        Raises:
+            InputError: for a file that cannot be read, a column that is missing or does not say its unit, and a table that
+                `checked` refuses.
+
+        Examples:
+            >>> TableSpectrum.from_csv("line.csv")  # wavenumber (rad/m),density (mm^2/(rad/m))  # doctest: +SKIP
         """
         path = Path(path)
         read = read_columns(

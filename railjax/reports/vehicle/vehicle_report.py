@@ -84,11 +84,18 @@ def vehicle_report(
 ) -> VehicleReport:
     """Parameters, modes, root locus, critical speeds, bifurcation diagram, sensitivities, comfort and dampers on one page.
 
-    `speed` (m/s) is that of modes and comfort, by default three quarters of the linear critical speed; `track` the spectrum of the ride's
-    alignment ("erri-low", "erri-high", "fra-1" to "fra-6"). `sections` picks some of `SECTIONS`; `progress(title, done, total)` is called before each and once at
-    the end. A section that a `NumericalError` ends is marked in the page and named in `failed`, the others are kept; one that the vehicle cannot have says why.
+    A section that a `NumericalError` ends is marked in the page and named in `failed`, the others are kept; one that the vehicle
+    cannot have says why.
 
-    Raises `InputError` for lanes, an unknown section or track, a speed that is not positive. Needs double precision.
+    Args:
+        vehicle: a single vehicle, without lanes.
+        speed: of modes and comfort, m/s; by default three quarters of the linear critical speed.
+        track: spectrum of the ride's alignment, "erri-low", "erri-high" or "fra-1" to "fra-6".
+        sections: which of `SECTIONS` the page has; by default all.
+        progress: called as `progress(title, done, total)` before each section and once at the end.
+
+    Raises:
+        InputError: for lanes, an unknown section or track, a speed that is not positive, and in single precision.
     """
     require_double_precision("the report")
     if Batch.of(without_labels(vehicle)).lanes is not None:

@@ -43,11 +43,19 @@ def default_section(speed: Number) -> Values:
 
 @guarded()
 def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1.0, **options: Any) -> Acceptance:
-    """Assess a simulated run, or every lane of a batch: `acceptance_of_record`, with its options such as
-    `prudhomme_factor`, a number, with the vehicle's axle load and bogie mass.
+    """Assess a simulated run, or every lane of a batch: `acceptance_of_record` with the vehicle's axle load and bogie mass.
 
-    The run must have recorded `acceptance_channels(vehicle)` at 200 Hz or more (`sample=5e-3`), at constant speed, over 25
-    sections and the margins: about 6.6 km up to 220 km/h, 13 km beyond. P = 2 Q; M is the bogie frame with its wheelsets.
+    P = 2 Q; M is the bogie frame with its wheelsets.
+
+    Args:
+        vehicle: the vehicle that ran.
+        run: at constant speed, with `acceptance_channels(vehicle)` recorded at 200 Hz or more (`sample=5e-3`), over 25 sections
+            and the margins: about 6.6 km up to 220 km/h, 13 km beyond.
+        prudhomme_factor: α of the limit α (10 kN + P/3), dimensionless: 1, for wagons 0.85.
+        **options: `section_length` (m), `margin` (s), `hunting_frequency` (Hz) and `minimum_sections` of `acceptance_of_record`.
+
+    Raises:
+        InputError: for a run with a `SpeedProfile`, channels that are missing, and what `acceptance_of_record` refuses.
     """
     mass = vehicle.bogie.mass + len(vehicle.geometry.axle_pattern) * vehicle.wheelset.mass
     given = {"axle_load": 2.0 * vehicle.contact.wheel_load, "bogie_mass": mass, "prudhomme_factor": prudhomme_factor}
@@ -68,14 +76,23 @@ def acceptance_of_record(
 ) -> Acceptance:
     """Assess measured or simulated time histories.
 
-    `axle_load` P in N (needed with guiding forces) and `bogie_mass` M with wheelsets in kg (with bogie accelerations) may have one value per lane;
-    `prudhomme_factor` α is 1, for wagons 0.85. `section_length` in m, by default 250 up to 220 km/h and 500 beyond (UIC 518,
-    recalled). The first and last `margin` seconds are filtered but not assessed, for transients of start and filters.
-    `hunting_frequency` f0 in Hz, by default the highest peak of SumY's spectrum (without SumY, of the bogie accelerations).
-    With fewer sections than the number `minimum_sections` a quantity is "exceeded" if a section is beyond the limit, else not
-    determined. Lanes with `record.ok` False are marked and the others kept.
+    Lanes with `record.ok` False are marked and the others kept.
 
-    Raises `InputError` for values that are not finite, a sampling rate below 200 Hz and a record shorter than one section.
+    Args:
+        record: the histories, at 200 Hz or more.
+        axle_load: P, N, one or one per lane; needed with guiding forces.
+        bogie_mass: M with its wheelsets, kg, one or one per lane; needed with bogie accelerations.
+        prudhomme_factor: α of the limit α (10 kN + P/3), dimensionless: 1, for wagons 0.85.
+        section_length: of the track sections, m, 70 or more; by default 250 up to 220 km/h and 500 beyond (UIC 518, recalled).
+        margin: at either end, s, filtered but not assessed, for transients of start and filters; by default 5.
+        hunting_frequency: f0 of the instability criterion, Hz; by default the highest peak of SumY's spectrum (without SumY, of
+            the bogie accelerations).
+        minimum_sections: number of sections, by default 25, below which a quantity is "exceeded" if a section is beyond the
+            limit, else not determined.
+
+    Raises:
+        InputError: for values that are not finite, a load or mass that is needed and missing, a sampling rate below 200 Hz and a
+            record shorter than one section.
     """
     signals, lanes, ok = check_record(record)
     given = Given(
@@ -130,7 +147,7 @@ class _Frame(NamedTuple):
     sections: int
 
     def inner(self, values: Values) -> Values:
-        """Without the margins."""
+        """The samples without those of the margins."""
         cut = round(self.margin * self.rate)
         return values[cut : len(values) - cut]
 

@@ -68,15 +68,23 @@ def hunting_branch(
 ) -> Branch:
     """The limit cycles of a vehicle over speed: unstable ones from the Hopf point to the fold, stable ones from there on.
 
-    Where straight running is stable at all speeds but limit cycles were found, as where yaw dampers blow off, both ways from their fold.
+    Where straight running is stable at all speeds but limit cycles were found, as where yaw dampers blow off, both ways from
+    their fold. Sharp flange corners are rounded within 0.01 mm (`rounded` in `railjax.stability.hunting.orbits` says why).
 
-    `highest_speed` in m/s (default 1.25 times the linear critical speed, 150 m/s where there is none); `wheelset`, counted from the front, whose lateral
-    displacement is the amplitude (default the leading one of the trailing bogie, as in the paper's fig. 6); `steps` of RK4 in
-    half a period (default enough for the fastest motion, at least 200); `largest_step` between two points, 1 for 1 mm or
-    10 m/s; `symmetric` False looks for orbits by the whole period, for dampers that are not alike to both sides.
+    Args:
+        vehicle: a single vehicle; for many use `nonlinear_critical`.
+        damper: what takes the place of rho_cy; by default the vehicle's own.
+        highest_speed: where the diagram ends, m/s; by default 1.25 times the linear critical speed, 150 m/s where there is none.
+        wheelset: the one whose lateral displacement is the amplitude, counted from the front, 0 the first; by default the leading
+            one of the trailing bogie, as in the paper's fig. 6.
+        steps: number of RK4's steps in half a period; by default enough for the fastest motion, at least 200.
+        symmetric: False looks for orbits by the whole period, of twice as many steps, for dampers that are not alike to both
+            sides.
+        largest_step: longest step between two points, dimensionless: 1 for 1 mm or 10 m/s; by default 0.25.
 
-    Sharp flange corners are rounded within 0.01 mm (`orbits.rounded` says why). Raises `NumericalError` where straight running
-    is unstable at the lowest speed or no limit cycle is found. Needs double precision.
+    Raises:
+        NumericalError: where straight running is unstable at the lowest speed or no limit cycle is found.
+        InputError: for a batch, a `highest_speed` below 1.02 times the linear critical speed, and in single precision.
     """
     require_double_precision("hunting")
     hopf = linear_critical(vehicle, damper=damper)

@@ -116,17 +116,17 @@ class Branch:
 
     @property
     def speed(self) -> Float[np.ndarray, "points"]:
-        """m/s."""
+        """Speed of each limit cycle, m/s."""
         return np.array([point.speed for point in self.points])
 
     @property
     def amplitude(self) -> Float[np.ndarray, "points"]:
-        """m, of the wheelset's lateral displacement."""
+        """Amplitude of the wheelset's lateral displacement, m."""
         return np.array([point.amplitude for point in self.points])
 
     @property
     def frequency(self) -> Float[np.ndarray, "points"]:
-        """Hz."""
+        """Frequency of each limit cycle, Hz."""
         return np.array([point.frequency for point in self.points])
 
     @property

@@ -79,13 +79,27 @@ def nonlinear_critical_speed(
     """Lowest speed (m/s) at which a limit cycle exists: the fold (saddle-node) of the branch of hunting motions.
 
     Above it a disturbance that is large enough makes the vehicle hunt; below it none does. Where there is no fold (the branch
-    leaves the Hopf point towards higher speeds, supercritical) it is the linear critical speed itself. A vehicle that is linearly stable
-    at all speeds may hunt all the same, as where yaw dampers blow off: its limit cycles are isolated, and end in a fold too.
+    leaves the Hopf point towards higher speeds, supercritical) it is the linear critical speed itself. A vehicle that is linearly
+    stable at all speeds may hunt all the same, as where yaw dampers blow off: its limit cycles are isolated, and end in a fold
+    too.
 
-    Differentiable with respect to every float of the vehicle, in both modes, by implicit differentiation of the periodic
-    orbit at the fold (no simulation is differentiated). With lanes in the vehicle the result has one value per lane: infinity
-    where no limit cycle was found up to 150 m/s, NaN where no fold could be computed; `nonlinear_critical` tells which. For a single
-    vehicle these raise `NumericalError`. Needs double precision. `wheelset` and `steps` as in `nonlinear_critical`.
+    Differentiable with respect to every float of the vehicle, in both modes, by implicit differentiation of the periodic orbit at
+    the fold (no simulation is differentiated). How it is found: `nonlinear_critical`.
+
+    Args:
+        vehicle: the vehicle, or a batch with lanes in any of its numbers.
+        damper: what takes the place of rho_cy; by default the vehicle's own. It may have lanes too.
+        wheelset: the one whose amplitude is followed, counted from the front, 0 the first; by default the leading one of the
+            trailing bogie.
+        steps: number of RK4's steps in half a period; by default enough for the fastest motion, at least 200.
+
+    Returns:
+        The speed, m/s, one per lane: infinity where no limit cycle was found up to 150 m/s, NaN where no fold could be computed;
+        `nonlinear_critical` tells which.
+
+    Raises:
+        NumericalError: for a single vehicle that has no such speed.
+        InputError: inside `jax.jit`, for a wheelset that is not there, and in single precision.
     """
     found = nonlinear_critical(vehicle, damper=damper, wheelset=wheelset, steps=steps)
     if not isinstance(found.code, jax.core.Tracer) and found.code.ndim == 0:
@@ -111,16 +125,24 @@ def nonlinear_critical(
 ) -> NonlinearCritical:
     """As `nonlinear_critical_speed`, with amplitude, frequency and result code instead of errors.
 
-    The amplitude is that of one `wheelset`, counted from the front; by default the leading one of the trailing bogie, as in
-    the paper's fig. 6. `steps` of RK4 cut half a period; by default enough for the fastest motion of the vehicle, at least 200.
-
     The vehicle is simulated from large disturbances (both bogies hunting in phase, opposite, or one of them) at shares of 0.45 to
-    1.02 of the linear critical speed, or of 0.2 to 1 of the highest speed where straight running is stable at all, all at once. The limit cycle at the lowest speed is followed down to its fold; then the same
-    is done at shares of 0.8 to 0.9995 of the fold's speed, until no motion goes on below a fold. So what is found is the end of the
-    motions that a vehicle settles on, as a slow ramp down would show. Of many vehicles, those that are little different from one that
-    has been searched take their fold from that one's, and only the motions below it are tried.
+    1.02 of the linear critical speed, or of 0.2 to 1 of the highest speed where straight running is stable at all, all at once.
+    The limit cycle at the lowest speed is followed down to its fold; then the same is done at shares of 0.8 to 0.9995 of the
+    fold's speed, until no motion goes on below a fold. So what is found is the end of the motions that a vehicle settles on, as a
+    slow ramp down would show. Of many vehicles, those that are little different from one that has been searched take their fold
+    from that one's, and only the motions below it are tried.
 
-    The search runs on the host: `jax.grad` and `jax.vmap` work, but not `jax.jit`, inside of which it raises `InputError`.
+    The search runs on the host: `jax.grad` and `jax.vmap` work, but not `jax.jit`.
+
+    Args:
+        vehicle: the vehicle, or a batch with lanes in any of its numbers.
+        damper: what takes the place of rho_cy; by default the vehicle's own. It may have lanes too.
+        wheelset: the one whose amplitude is given, counted from the front, 0 the first; by default the leading one of the
+            trailing bogie, as in the paper's fig. 6.
+        steps: number of RK4's steps in half a period; by default enough for the fastest motion of the vehicle, at least 200.
+
+    Raises:
+        InputError: inside `jax.jit`, for a wheelset that is not there, and in single precision.
     """
     require_double_precision("the nonlinear critical speed")
     linear = linear_critical(vehicle, damper=damper)

@@ -28,9 +28,16 @@ def first_lyapunov_coefficient(vehicle: Vehicle, damper: Damper = PASSIVE, hopf:
 
         l_1 = Re(p^H [C(q, q, q*) - 2 B(q, A^-1 B(q, q*)) + B(q*, (2 i omega - A)^-1 B(q, q))])/2
 
-    q is scaled to 1 m of lateral displacement where that is largest, so that the amplitude is 2|z|. Smooth laws only: the
-    Vermeulen-Johnson law has no third derivative at zero creep. The formula holds for saturations u well below `creep_width`.
-    Raises `InputError` for other laws.
+    q is scaled to 1 m of lateral displacement where that is largest, so that the amplitude is 2|z|. The formula holds for
+    saturations u well below `creep_width`.
+
+    Args:
+        vehicle: a single vehicle with the smooth creep law: the Vermeulen-Johnson law has no third derivative at zero creep.
+        damper: what takes the place of rho_cy; by default the vehicle's own.
+        hopf: the Hopf point, where it is known already; by default what `linear_critical` finds.
+
+    Raises:
+        InputError: for other creep laws, and in single precision.
     """
     require_double_precision("the first Lyapunov coefficient")
     if vehicle.contact.law != "smooth":

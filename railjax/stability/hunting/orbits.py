@@ -84,7 +84,7 @@ class Model:
 
     @functools.cached_property
     def scales(self) -> Float[np.ndarray, "states"]:
-        """What counts as one for each state; the dampers' internal states like displacements unless the law says other."""
+        """What counts as one for each state: displacements and rates; the dampers' internal states like displacements."""
         n = size(self.vehicle)
         scale = np.full(self.states, DISPLACEMENT)
         scale[n : 2 * n] = VELOCITY
@@ -130,7 +130,7 @@ def rounded(vehicle: Vehicle) -> Vehicle:
 
     A sharp corner within an RK4 step makes the flow's derivative jump each time a parameter moves the corner from one step to
     the next, and Newton, folds and gradients stumble over it. Rounding the flange's corner within 0.01 mm, a thousandth of
-    the dead band, ends that and moves the coach's fold by 0.02 km/h. Creep is differentiable and stays as it is.
+    the dead band, ends that and moves the coach's fold by 0.02 km/h. The kink of creep at u = 0 is rounded within 1e-9, which changes nothing.
     """
     if vehicle.contact.law != "sharp":
         return vehicle

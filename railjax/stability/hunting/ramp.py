@@ -73,12 +73,26 @@ def speed_ramp(
     wheelset: int | None = None,
     amplitude: float | None = None,
 ) -> Ramp:
-    """Simulate the vehicle on even track while its speed falls from `high` to `low` (m/s) and rises again, at `rate` m/s².
+    """Simulate the vehicle on even track while its speed falls slowly and rises again: where hunting stops, and where it starts.
 
-    The way down begins with all wheelsets displaced by `amplitude` m (default the flange clearance) and 10 s at `high`; on the
-    way up the track has a sinusoidal alignment of 1 µm with the wavelength of hunting. A jump comes late by what the vehicle
-    moves on in the meantime: less the slower the ramp. Raises `InputError` for speeds or a rate that make no ramp, and for a `dt` (s) that RK4 does not hold.
-    `wheelset`, a number counted from the front: as in `hunting_branch`.
+    The way down begins with all wheelsets displaced and 10 s at `high`; on the way up the track has a sinusoidal alignment of 1
+    µm with the wavelength of hunting. A jump comes late by what the vehicle moves on in the meantime: less the slower the ramp.
+
+    Args:
+        vehicle: a single vehicle.
+        low: lowest speed, m/s.
+        high: highest speed, m/s; it should lie above the linear critical speed for hunting to start on the way up.
+        damper: what takes the place of rho_cy; by default the vehicle's own.
+        rate: how fast the speed changes, m/s²; by default 0.02, with which the coach's jumps lie within 1 km/h of the fold and a
+            few km/h of the Hopf point.
+        dt: step of RK4, s.
+        wheelset: the one whose lateral displacement is the amplitude, counted from the front, 0 the first; by default the leading
+            one of the trailing bogie.
+        amplitude: displacement of the wheelsets at the start, m; by default the flange clearance.
+
+    Raises:
+        InputError: for speeds or a rate that make no ramp, a dt that RK4 does not hold, a run that diverges, and in single
+            precision.
     """
     require_double_precision("a speed ramp")
     if not 0 < low < high:
