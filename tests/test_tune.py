@@ -210,6 +210,25 @@ def test_eigenvalue_objectives(coach):
     assert float(aim.linear_critical_speed(highest=100.0).value(stable, railjax.PassiveDamper())) == 100.0
 
 
+def test_least_damping_is_one_number_for_studies_and_objectives(coach):
+    """Wheels coned the wrong way (conicity -0.05) run off to one side without oscillating: every oscillation is damped, and yet ζ = -1.
+    Against NumPy's eigenvalues."""
+    conicities = np.array([coach.contact.conicity, -0.05])
+    lanes = railjax.LeastDamping()(railjax.replace(coach, contact__conicity=conicities), SPEED)
+    for lane, conicity in enumerate(conicities):
+        vehicle = railjax.replace(coach, contact__conicity=float(conicity))
+        values = np.linalg.eigvals(np.asarray(railjax.state_matrix(vehicle, SPEED)))
+        ratios = -values.real / np.abs(values)
+        least = int(np.argmin(ratios))
+        aimed = float(aim.least_damping(SPEED).value(vehicle, railjax.PassiveDamper()))
+        np.testing.assert_allclose([aimed, lanes["least_damping_ratio"][lane]], ratios[least], rtol=1e-9)
+        assert float(lanes["frequency"][lane]) == pytest.approx(abs(values[least].imag) / (2.0 * np.pi), rel=1e-9)
+        assert float(lanes["growth"][lane]) == pytest.approx(values.real.max(), rel=1e-9)
+    # oscillations alone would pass for stable
+    assert ratios[values.imag > 0].min() > 0.05
+    assert float(lanes["least_damping_ratio"][1]) == -1.0
+
+
 def test_statistical_comfort_with_balance_logic(coach):
     """Of the coach with yaw dampers, so that the front of tests/test_tune_studies.py finds the derivative compiled."""
     vehicle = dataclasses.replace(coach, yaw_damper=railjax.YawDamper(1e3, half_distance=1.35))

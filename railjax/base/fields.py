@@ -73,6 +73,21 @@ def is_number(entry: dataclasses.Field) -> bool:
     return "unit" in entry.metadata
 
 
+def number_names(part: Any) -> list[str]:
+    """The fields of a dataclass that may be numbers: all but the static ones; none of what is no dataclass."""
+    return (
+        [entry.name for entry in dataclasses.fields(part) if not entry.metadata.get("static")]
+        if dataclasses.is_dataclass(part)
+        else []
+    )
+
+
+def is_single(value: Any) -> bool:
+    """Whether a value is one finite number, neither lanes nor a table."""
+    number = isinstance(value, (int, float, np.number, np.ndarray, jax.Array)) and not isinstance(value, bool)
+    return number and np.ndim(value) == 0 and bool(np.isfinite(value))
+
+
 def about_field(part: Any, name: str) -> About:
     """What a dataclass declares of a field; nothing of one of somebody else's."""
     return next(entry.metadata for entry in dataclasses.fields(part) if entry.name == name)

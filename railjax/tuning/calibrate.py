@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.arguments import guarded
-from ..base.checks import a_table
+from ..base.checks import a_table, shown
 from ..base.errors import InputError, NumericalError, nearest
+from ..base.fields import is_single
 from ..base.precision import require_double_precision
 from ..base.units import KMH
 from ..model.damper import Damper
@@ -165,10 +166,10 @@ def _check(vehicle: Vehicle, fit: dict, to: dict, start: dict, bounds: tuple[flo
             if path in seen:
                 raise InputError(f"fit: {path} is named twice")
             seen.add(path)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.ndarray, jax.Array)) or np.ndim(value):
-                raise InputError(f"fit: {path} must be a single number")
-            if not math.isfinite(value) or value == 0.0:
-                raise InputError(f"fit: {path} is {float(value):g}, which a factor cannot change; give it a value first")
+            if not is_single(value):
+                raise InputError(f"fit: {path} must be a single number, not {shown(value)}")
+            if value == 0.0:
+                raise InputError(f"fit: {path} is 0, which a factor cannot change; give it a value first")
 
 
 def _scaled(vehicle: Vehicle, unknowns: Unknowns, logs: Float[Array, "unknowns"]) -> Vehicle:

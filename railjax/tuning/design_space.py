@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.errors import InputError, nearest
-from ..base.fields import about_field, structure, wrong_sign
+from ..base.fields import about_field, is_single, number_names, structure, wrong_sign
 from ..base.typing import Number
 from ..model.damper import Damper
 from ..model.parameters import bare, get_parameter, set_parameter
@@ -126,11 +126,9 @@ def _get(vehicle: Vehicle, damper: Damper, path: str) -> Any:
     if not path.startswith(OF_DAMPER):
         return get_parameter(vehicle, path)
     name = path.removeprefix(OF_DAMPER)
-    fields = (
-        [f.name for f in dataclasses.fields(damper) if not f.metadata.get("static")] if dataclasses.is_dataclass(damper) else []
-    )
-    if name not in fields:
-        hint = nearest(name, fields, "damper") if fields else ""
+    known = number_names(damper)
+    if name not in known:
+        hint = nearest(name, known, "damper") if known else ""
         raise InputError(f"parameters: {type(damper).__name__} has no {name!r}{hint}")
     return getattr(damper, name)
 
@@ -139,7 +137,7 @@ def _check(vehicle: Vehicle, damper: Damper, path: str, low: float) -> None:
     value = _get(vehicle, damper, path)
     if value is None:
         raise InputError(f"parameters: {path} is not there (None); give it a value first")
-    if isinstance(value, (bool, str)) or np.ndim(value) or not np.isfinite(value):
+    if not is_single(value):
         raise InputError(f"parameters: {path} must be a single finite number in the vehicle, not {value!r}")
     part = damper if path.startswith(OF_DAMPER) else getattr(vehicle, path.split(".")[0])
     fault = wrong_sign(about_field(part, path.rpartition(".")[2]), low)

@@ -15,6 +15,7 @@ from ..base.arguments import SPEED, guarded
 from ..base.checks import Rising
 from ..base.compilation import jit as one_kernel
 from ..base.errors import InputError, NumericalError
+from ..base.fields import number_names
 from ..base.precision import require_double_precision
 from ..base.units import KMH
 from ..dampers.balance_logic import BalanceLogic
@@ -154,7 +155,7 @@ def schedule_gain(
     low, high = map(float, bounds)
     damper = BalanceLogic() if damper is None else damper
     check_damper(damper)
-    if not hasattr(damper, parameter):
+    if parameter not in number_names(damper):
         raise InputError(f"parameter: {type(damper).__name__} has no {parameter!r}")
     track = SinusoidTrack(5e-3, 20.0) if track is None else track
     runs = _Runs(vehicle, damper, parameter, speeds, track, channel, duration, settle, dt, scatter)

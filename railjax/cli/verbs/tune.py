@@ -116,7 +116,10 @@ def _parameter(vehicle: "Vehicle", damper: "Damper", text: str) -> tuple[str, tu
             known |= {f"damper.{entry.name}": (f"damper.{entry.name}", 1.0), f"damper.{key}": (f"damper.{entry.name}", factor)}
     if name not in known:
         near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
-        raise InputError(f"--parameter {name!r}: this vehicle has no such number; did you mean {near}?")
+        whose = (
+            f"{type(damper).__name__} has no {name[7:]!r}" if name.startswith("damper.") else "this vehicle has no such number"
+        )
+        raise InputError(f"--parameter {name!r}: {whose}; did you mean {near}?")
     path, factor = known[name]
     return path, (low * factor, high * factor)
 
