@@ -1,5 +1,6 @@
 """Every public name is documented: arguments listed from three on, else named, numbers with a unit, fields with theirs; and stands in the reference."""
 
+import dataclasses
 import inspect
 import re
 import sys
@@ -37,6 +38,10 @@ FUNCTIONS |= {
     if inspect.isfunction(value) and value.__module__ == objectives.__name__ and not name.startswith("_")
 }
 CLASSES = {name: value for name in NAMES if inspect.isclass(value := getattr(railjax, name))}
+#: whose constructor is written by hand and not made of the fields
+CONSTRUCTORS = {
+    name: kind for name, kind in CLASSES.items() if dataclasses.is_dataclass(kind) and not kind.__dataclass_params__.init
+}
 METHODS = {
     f"{name}.{key}": inspect.unwrap(getattr(kind, key))
     for name, kind in CLASSES.items()
@@ -134,6 +139,12 @@ def missing_of(function) -> list[str]:
 @pytest.mark.parametrize("name", [*FUNCTIONS, *METHODS])
 def test_functions_name_their_arguments_with_units(name):
     assert missing_of({**FUNCTIONS, **METHODS}[name]) == []
+
+
+@pytest.mark.parametrize("name", CONSTRUCTORS)
+def test_constructors_list_their_arguments(name):
+    kind = CONSTRUCTORS[name]
+    assert missing_of_list(arguments_of(kind), inspect.getdoc(kind) or "") == []
 
 
 @pytest.mark.parametrize("name", CLASSES)
