@@ -18,14 +18,17 @@ if TYPE_CHECKING:
     from .base.compilation import jit, keep_compiled
     from .base.errors import InputError, NumericalError
     from .base.precision import use_double_precision
+    from .dampers.balance_logic import BalanceLogic
     from .dampers.bouc_wen import BoucWen
     from .dampers.bouc_wen_damper import BoucWenDamper, HybridDamper
-    from .dampers.controlled import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
+    from .dampers.clipped_lqr import ClippedLQR
     from .dampers.identification.identify import identify_damper
     from .dampers.identification.record import Record, read_record
     from .dampers.identification.result import Identification
+    from .dampers.maxwell import MaxwellDamper
+    from .dampers.skyhook import ADD, MixedSkyhookADD, Skyhook
     from .model.contact.kalker import contact_ellipse, creep_coefficients, kalker_coefficients
-    from .model.damper import Damper, MaxwellDamper, PassiveDamper, Seen
+    from .model.damper import Damper, PassiveDamper, Seen
     from .model.motion import matrices, state_matrix, track_matrix
     from .model.parameters import get_parameter, parameters, replace, set_parameter
     from .model.track.measured import MeasuredTrack
@@ -207,7 +210,7 @@ _NAMES = {
     "ride.comfort_result": "Comfort",
     "plots.frames": "animation_channels",
     "stability.hunting.nonlinear_critical": "Hunting NonlinearCritical nonlinear_critical nonlinear_critical_speed",
-    "model.damper": "Damper MaxwellDamper PassiveDamper Seen",
+    "model.damper": "Damper PassiveDamper Seen",
     "base.errors": "InputError NumericalError",
     "ride.frequency": "FrequencyResponse frequency_response",
     "stability.hunting.branch": "hunting_branch",
@@ -231,7 +234,10 @@ _NAMES = {
     "tuning.robust": "Scatter expected worst",
     "model.track.sampled": "spectrum_of",
     "tuning.gain_schedule": "GainSchedule schedule_gain",
-    "dampers.controlled": "ADD BalanceLogic ClippedLQR MixedSkyhookADD Skyhook",
+    "dampers.balance_logic": "BalanceLogic",
+    "dampers.clipped_lqr": "ClippedLQR",
+    "dampers.maxwell": "MaxwellDamper",
+    "dampers.skyhook": "ADD MixedSkyhookADD Skyhook",
     "simulation.simulate": "Result Simulation simulate",
     "model.track.spectra": "ErriSpectrum FormulaSpectrum FraSpectrum Spectrum TableSpectrum spectrum",
     "ride.spectral_comfort": "SpectralComfort spectral_comfort",

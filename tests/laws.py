@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import railjax
-from railjax.model.damper import Seen, law_of
+from railjax.model.damper import Seen, answers, law_of
 from railjax.model.kinematics import deflections, size, split
 from railjax.model.motion import held, motion, state_rate
 from railjax.simulation.runge_kutta import rk4
@@ -58,8 +58,7 @@ def instant(coach, damper, seed, size_of=1e-2, lanes=()):
 
 def force(vehicle, damper, travel, velocity, internal, seen):
     """Force and rates just after the controller has decided."""
-    if hasattr(damper, "held"):
-        internal = damper.held(vehicle, travel, velocity, internal, seen)
+    internal = answers(damper).held(vehicle, travel, velocity, internal, seen)
     return law_of(damper, seen)(vehicle, travel, velocity, internal)
 
 

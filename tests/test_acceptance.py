@@ -200,7 +200,7 @@ def test_too_few_sections_determine_only_what_a_section_exceeds():
     assert single.sections == 1
     assert np.isnan(single.findings["guiding_force_sum"].value)
     assert single.findings["guiding_force_sum"].verdict == "exceeded"
-    json.dumps(single.to_dict())
+    json.dumps(single.as_dict())
 
 
 def test_sections_follow_the_speed_and_the_option():
@@ -246,9 +246,9 @@ def test_the_coach_at_160_passes_and_hunting_at_250_fails(batch):
         assert slow.findings[key].value < 0.3 * slow.findings[key].limit
     for text in ("f0 =", "no certificate", "Y/Q", "axle ", "wheelset ", "met"):
         assert text in str(slow)
-    assert "lanes" in batch.to_dict()
+    assert "lanes" in batch.as_dict()
     assert " *" in str(batch)
-    content = json.loads(json.dumps(hunting.to_dict()))
+    content = json.loads(json.dumps(hunting.as_dict()))
     assert content["quantities"]["instability_bogie"]["verdict"] == "exceeded"
     assert content["speed_kmh"] == pytest.approx(250.0)
 
@@ -362,7 +362,7 @@ def test_lanes_equal_single_runs_and_unsound_lanes_spoil_nothing(coach, runs, ba
         assert np.isnan(finding.value[1])
         np.testing.assert_array_equal(finding.value[[0, 2]], batch.findings[key].value[[0, 2]])
     assert "no sound run" in str(marked)
-    assert not marked.lane(1).to_dict()["ok"]
+    assert not marked.lane(1).as_dict()["ok"]
     str(marked.lane(1))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from railjax.dampers.controlled import BalanceLogic
+from railjax.dampers.balance_logic import BalanceLogic
 from railjax.model.damper import PassiveDamper
 from railjax.reports.paper.studies import acceptance as paper_acceptance
 from railjax.reports.paper.studies import comfort as paper_comfort

@@ -61,6 +61,7 @@ OF_LAWS = {
     "demand",
     "pair_force",
     "fault",
+    "describing",
 }
 OF_LAWS |= {"seen_from", "plot", "codes", "value", "sharp"}
 

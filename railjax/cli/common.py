@@ -36,7 +36,13 @@ def _spectra() -> list[str]:
     return list(NAMED)
 
 
-complete_vehicle, complete_track = completing(_vehicles), completing(_spectra)
+def _tracks() -> list[str]:
+    from ..model.track.named import TRACKS
+
+    return [*_spectra(), *(f"{kind}:" for kind in TRACKS)]
+
+
+complete_vehicle, complete_spectrum, complete_track = completing(_vehicles), completing(_spectra), completing(_tracks)
 VehicleName = Annotated[
     str,
     typer.Argument(
@@ -51,10 +57,11 @@ DamperName = Annotated[
 ]
 Alpha = Annotated[float | None, typer.Option(help=f"Gain α of the dampers {' and '.join(WITH_ALPHA)}.")]
 TRACKS = "erri-low, erri-high, fra-1 to fra-6"
+OTHER_TRACKS = "the file of a measured one, or of a spectrum; or a kind with its numbers, as bump:amplitude_mm=5,length_m=10"
 TrackName = Annotated[
     str,
     typer.Option(
-        help=f"A random track, {TRACKS}; or the file of a measured one, or of a spectrum.", autocompletion=complete_track
+        help=f"A random track, {TRACKS}; or the file of a measured one, or of a spectrum.", autocompletion=complete_spectrum
     ),
 ]
 TrackSeed = Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")]

@@ -33,16 +33,16 @@ class BoucWen:
     """
 
     c0a: Number = quantity("N s/m", "c_0a", "viscous damping at high velocity, 0 V", 2100.0, positive=True)
-    c0b: Number = quantity("N s/m/V", "c_0b", "its growth with voltage", 350.0)
+    c0b: Number = quantity("N s/m/V", "c_0b", "its growth with voltage", 350.0, signed=True)
     c1a: Number = quantity("N s/m", "c_1a", "dashpot in series, 0 V (roll-off at low velocity)", 28300.0, positive=True)
-    c1b: Number = quantity("N s/m/V", "c_1b", "its growth with voltage", 295.0)
+    c1b: Number = quantity("N s/m/V", "c_1b", "its growth with voltage", 295.0, signed=True)
     alpha_a: Number = quantity("N/m", "α_a", "force per hysteretic displacement, 0 V", 14000.0, positive=True)
-    alpha_b: Number = quantity("N/m/V", "α_b", "its growth with voltage", 69500.0)
+    alpha_b: Number = quantity("N/m/V", "α_b", "its growth with voltage", 69500.0, signed=True)
     k0: Number = quantity("N/m", "k", "stiffness at high velocity (k_0 of the source)", 4690.0)
     k1: Number = quantity("N/m", "k_1", "stiffness of the accumulator", 500.0)
-    x0: Number = quantity("m", "x_0", "displacement at which the accumulator gives no force", 0.143)
-    gamma: Number = quantity("1/m^2", "γ", "shape of the loop", 3.63e6)
-    beta: Number = quantity("1/m^2", "β", "shape of the loop", 3.63e6)
+    x0: Number = quantity("m", "x_0", "displacement at which the accumulator gives no force", 0.143, signed=True)
+    gamma: Number = quantity("1/m^2", "γ", "shape of the loop", 3.63e6, signed=True)
+    beta: Number = quantity("1/m^2", "β", "shape of the loop", 3.63e6, signed=True)
     A: Number = quantity("1", "A", "slope dz/dx at z = 0", 301.0, positive=True)
     eta: Number = quantity("1/s", "η", "rate at which the driver follows its command", 190.0, positive=True)
     saturation: Number = optional(

@@ -13,9 +13,9 @@ import jax
 import jax.numpy as jnp
 
 from ..base import smooth
-from ..base.fields import structure
+from ..base.fields import optional, quantity, twin
 from ..base.typing import Number, Scalar
-from ..model.damper import Bogies, PassiveDamper, Seen
+from ..model.damper import Bogies, Law, PassiveDamper, Seen
 from ..model.vehicle import Vehicle
 from . import bouc_wen
 from .bouc_wen import BoucWen
@@ -30,17 +30,15 @@ COACH_BOUC_WEN = bouc_wen.scaled(BoucWen(x0=0.0), force=COACH_FORCE)
 #: m/s across the secondary suspension, for bounds on rates; a hunting coach reaches 0.5
 LARGEST_VELOCITY = 0.5
 
-Law = Literal["sharp", "smooth"]
 
-
-def opposed(law: Law, travel: Bogies, velocity: Bogies, travel_width: Scalar, velocity_width: Scalar) -> Bogies:
+def opposed(law: str, travel: Bogies, velocity: Bogies, travel_width: Scalar, velocity_width: Scalar) -> Bogies:
     """Balance logic's condition: 1 where Δy_c Δy_c' < 0, else 0; the smooth twin goes over within the widths (m, m/s)."""
     if law == "smooth":
         travel, velocity = smooth.smooth_sign(travel, travel_width), smooth.smooth_sign(velocity, velocity_width)
     return smooth.agreement(law, -travel, velocity)
 
 
-def _size(law: Law, travel: Bogies, width: Scalar) -> Bogies:
+def _size(law: str, travel: Bogies, width: Scalar) -> Bogies:
     return smooth.smooth_abs(travel, width) if law == "smooth" else jnp.abs(travel)
 
 
@@ -60,7 +58,7 @@ def _decided(damper: "BoucWenDamper | HybridDamper", travel: Bogies, velocity: B
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class BoucWenDamper:
+class BoucWenDamper(Law):
     """MR dampers after the modified Bouc-Wen model, eqs. (12)-(17), under the voltage law (18) behind the driver's lag.
 
     `parameters` of one damper (default: Spencer's prototype, its force times 3.97 to be the coach's size); `voltage_gain` ε K
@@ -74,13 +72,13 @@ class BoucWenDamper:
     """
 
     parameters: BoucWen = COACH_BOUC_WEN
-    voltage_gain: Number = 100.0
-    voltage_limit: Number = 2.25
-    voltage: Number = 0.0
-    travel_width: Number = 2e-4  # m
-    velocity_width: Number = 5e-3  # m/s
-    law: Law = structure("sharp")
-    sample_time: Number = 1e-3  # s
+    voltage_gain: Number = quantity("V/m", "ε K", "voltage per travel", 100.0)
+    voltage_limit: Number = quantity("V", "", "largest voltage", 2.25)
+    voltage: Number = quantity("V", "", "voltage where balance logic does not act", 0.0)
+    travel_width: Number = quantity("m", "", "smooth twin: rounding of the travel's sign", 2e-4, positive=True)
+    velocity_width: Number = quantity("m/s", "", "smooth twin: rounding of the velocity's sign", 5e-3, positive=True)
+    law: Literal["sharp", "smooth"] = twin()
+    sample_time: Number = optional("s", "", "time from decision to decision; None: at every step", positive=True, default=1e-3)
 
     @property
     def internal_states(self) -> int:
@@ -164,10 +162,10 @@ class BoucWenDamper:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class _Relaxation:
+class _Relaxation(Law):
     """Nothing but a state that decays at a rate (1/s)."""
 
-    rate: Number
+    rate: Number = quantity("1/s", "", "rate at which it decays")
 
     internal_states: ClassVar[int] = 1
 
@@ -177,7 +175,7 @@ class _Relaxation:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class HybridDamper:
+class HybridDamper(Law):
     """The paper's MR hybrid damper (fig. 11): a hydraulic damper whose orifice is opened by a pilot piston against an MR device.
 
         balance logic -> current -> MR force -> pressure at which the pilot opens -> opening, eq. (9) -> force A_p Δp
@@ -190,16 +188,16 @@ class HybridDamper:
     and, of the sharp law, the decision and its clock.
     """
 
-    alpha: Number = 1.0
+    alpha: Number = quantity("1", "α", "share of the elastic force that is balanced", 1.0)
     hydraulic: HydraulicDamper = HydraulicDamper()
     pilot: Pilot = Pilot()
-    mr_force: Number = 406.7
-    mr_current: Number = 1.5
-    current_lag: Number = 5e-3
-    travel_width: Number = 2e-4  # m
-    velocity_width: Number = 5e-3  # m/s
-    law: Law = structure("sharp")
-    sample_time: Number = 1e-3  # s
+    mr_force: Number = quantity("N", "", "largest force of the MR device", 406.7, positive=True)
+    mr_current: Number = quantity("A", "", "current of the largest force", 1.5, positive=True)
+    current_lag: Number = quantity("s", "", "time constant of driver and coil", 5e-3, positive=True)
+    travel_width: Number = quantity("m", "", "smooth twin: rounding of the travel's sign", 2e-4, positive=True)
+    velocity_width: Number = quantity("m/s", "", "smooth twin: rounding of the velocity's sign", 5e-3, positive=True)
+    law: Literal["sharp", "smooth"] = twin()
+    sample_time: Number = optional("s", "", "time from decision to decision; None: at every step", positive=True, default=1e-3)
 
     @property
     def internal_states(self) -> int:

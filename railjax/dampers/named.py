@@ -1,7 +1,8 @@
-"""The dampers that files and the command line know by name; a new law adds its line here."""
+"""The dampers that files and the command line know by name: the one table. A new law adds its line here."""
 
 from typing import TYPE_CHECKING
 
+from ..base.by_name import Maker
 from ..base.errors import InputError, nearest
 
 # the command line lists the names before it needs a law
@@ -9,54 +10,44 @@ if TYPE_CHECKING:
     from ..model.damper import Damper
     from ..model.vehicle import Vehicle
 
-DAMPERS = (
-    "passive",
-    "passive-soft",
-    "passive-hard",
-    "balance-logic",
-    "bouc-wen",
-    "hybrid",
-    "skyhook",
-    "skyhook-continuous",
-    "add",
-    "mixed-sh-add",
-    "clipped-lqr",
-)
-WITH_ALPHA = ("balance-logic", "hybrid")
+
+#: name -> what makes it of the `vehicle`, the `speed` that it is designed for and the gain `alpha`
+MAKERS = {
+    "passive": Maker("model.damper", "PassiveDamper"),
+    "passive-soft": Maker("model.damper", "PassiveDamper.soft"),
+    "passive-hard": Maker("model.damper", "PassiveDamper.hard"),
+    "balance-logic": Maker("dampers.balance_logic", "BalanceLogic", ("alpha",)),
+    "bouc-wen": Maker("dampers.bouc_wen_damper", "BoucWenDamper"),
+    "hybrid": Maker("dampers.bouc_wen_damper", "HybridDamper", ("alpha",)),
+    "skyhook": Maker("dampers.skyhook", "Skyhook"),
+    "skyhook-continuous": Maker("dampers.skyhook", "Skyhook.continuous"),
+    "add": Maker("dampers.skyhook", "ADD"),
+    "mixed-sh-add": Maker("dampers.skyhook", "MixedSkyhookADD"),
+    "clipped-lqr": Maker("dampers.clipped_lqr", "ClippedLQR.design", ("vehicle", "speed")),
+}
+DAMPERS = tuple(MAKERS)
+#: those with a gain α, and those that are designed at one speed
+WITH_ALPHA = tuple(name for name, maker in MAKERS.items() if "alpha" in maker.takes)
+DESIGNED = tuple(name for name, maker in MAKERS.items() if "speed" in maker.takes)
 
 
-def make_damper(name: str, vehicle: "Vehicle", speed: float, alpha: float | None = None) -> "Damper":
+def make_damper(name: str, vehicle: "Vehicle", speed: float | None, alpha: float | None = None) -> "Damper":
     """The damper of one of the names in `DAMPERS`.
 
     Args:
         name: the kind.
         vehicle: the vehicle that it is for; clipped LQR is designed for it.
-        speed: m/s, of that design.
+        speed: m/s, of that design; None where none is given.
         alpha: gain α of those in `WITH_ALPHA`; None leaves theirs.
 
-    Raises `InputError` for an unknown name, an `alpha` without use, and a vehicle without secondary suspension.
+    Raises `InputError` for an unknown name, an `alpha` without use, a design without a speed, and a vehicle without secondary suspension.
     """
-    from ..model.damper import HARD, PassiveDamper
-    from .bouc_wen_damper import BoucWenDamper, HybridDamper
-    from .controlled import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
-
-    if name not in DAMPERS:
+    if name not in MAKERS:
         raise InputError(f"damper {name!r} is not known{nearest(name, DAMPERS)}")
     if name != "passive" and vehicle.bogie.held:
         raise InputError(f"damper {name}: this vehicle has no secondary suspension")
     if alpha is not None and name not in WITH_ALPHA:
         raise InputError(f"alpha is for {' and '.join(WITH_ALPHA)}, not for {name}")
-    gain = {} if alpha is None else {"alpha": alpha}
-    return {
-        "passive": PassiveDamper,
-        "passive-soft": PassiveDamper.soft,
-        "passive-hard": PassiveDamper.hard,
-        "balance-logic": lambda: BalanceLogic(**gain),
-        "bouc-wen": BoucWenDamper,
-        "hybrid": lambda: HybridDamper(**gain),
-        "skyhook": Skyhook,
-        "skyhook-continuous": lambda: Skyhook(damping=HARD),
-        "add": ADD,
-        "mixed-sh-add": MixedSkyhookADD,
-        "clipped-lqr": lambda: ClippedLQR.design(vehicle, speed),
-    }[name]()
+    if speed is None and name in DESIGNED:
+        raise InputError(f"damper {name} is designed at a speed: give one")
+    return MAKERS[name].make(vehicle=vehicle, speed=speed, alpha=alpha)

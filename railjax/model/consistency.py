@@ -1,7 +1,6 @@
 """What the numbers of a vehicle may be: sign and range of each, and what no single one can tell. Files and functions ask here."""
 
 import dataclasses
-import math
 from typing import Any
 
 import jax
@@ -9,38 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..base.arguments import ARGUMENTS
-from ..base.checks import Kind, Range, shown, traced
+from ..base.checks import Kind
 from ..base.errors import InputError
+from ..base.fields import check_numbers
 from .vehicle import OPTIONAL, PARTS, BumpStop, LateralDamper, Vehicle, YawDamper
-
-LAWS = ("sharp", "smooth", "linear")
-
-
-def a_law(key: str, value: Any) -> None:
-    """One of the laws of contact."""
-    if value not in LAWS:
-        raise InputError(f"{key} must be one of {', '.join(LAWS)}, not {shown(value)}")
-
-
-#: part -> its fields by name, and what each may be
-_FIELDS: dict[str, list[tuple[str, float, Range]]] = {
-    part: [
-        (
-            entry.name,
-            math.nextafter(0.0, 1.0) if entry.metadata["positive"] else -math.inf,
-            Range(
-                entry.metadata["unit"],
-                0.0 if entry.metadata["positive"] else -math.inf,
-                open=entry.metadata["positive"],
-                axes=1 + entry.metadata.get("axes", 0),
-                why=f"; it is the {entry.metadata['meaning']}",
-            ),
-        )
-        for entry in dataclasses.fields(kind)
-        if "unit" in entry.metadata
-    ]
-    for part, kind in PARTS.items()
-}
 
 
 def check_values(vehicle: Vehicle) -> None:
@@ -48,29 +19,12 @@ def check_values(vehicle: Vehicle) -> None:
 
     What may be zero may be negative here, as differences step to both sides of zero; files refuse it. A lane that is NaN passes, as results mark it. Raises `InputError`.
     """
-    unknown = False
-    for part, fields in _FIELDS.items():
+    known = True
+    for part in PARTS:
         there = getattr(vehicle, part)
-        if there is None or getattr(there, "held", False):
-            continue
-        values = there.__dict__
-        for key, least, allowed in fields:
-            value = values[key]
-            if (
-                value.__class__ is float and least <= value < math.inf and value > -math.inf
-            ):  # nearly all; the rest would take ten times as long
-                continue
-            if value is None and part in (*OPTIONAL, "geometry"):
-                continue
-            if isinstance(value, jax.core.Tracer) or (isinstance(value, (list, tuple)) and traced(value)):
-                unknown = True
-            elif getattr(value, "ndim", None) == 0 and least <= float(value) < math.inf:
-                continue
-            elif np.ndim(value) == allowed.axes and isinstance(value, (np.ndarray, jax.Array)) and np.any(np.isnan(value)):
-                allowed(f"{part}.{key}", np.nan_to_num(value, nan=1.0))
-            else:
-                allowed(f"{part}.{key}", value)
-    if not unknown:
+        if there is not None and not getattr(there, "held", False):
+            known &= check_numbers(there, part, scattered=True)
+    if known:
         consistent({part: _on_host(getattr(vehicle, part)) for part in PARTS}, "vehicle")
         if vehicle.bump_stop is not None:
             _bump_stop(np.asarray(vehicle.bump_stop.travel, float), np.asarray(vehicle.bump_stop.force, float), "vehicle")
@@ -78,7 +32,7 @@ def check_values(vehicle: Vehicle) -> None:
 
 def _on_host(part: Any) -> Any:
     """With NumPy's arrays in place of JAX's, each of whose comparisons would be compiled."""
-    if not any(isinstance(value, jax.Array) for value in getattr(part, "__dict__", {}).values()):
+    if not any(value.__class__ is not float and isinstance(value, jax.Array) for value in getattr(part, "__dict__", {}).values()):
         return part
     return jax.tree.map(np.asarray, part)
 
@@ -101,7 +55,6 @@ def consistent(parts: dict[str, Any], where: str) -> None:
         raise InputError(f"{where}: geometry.half_secondary must be positive, as roll and yaw act on the secondary springs by it")
     if bogie.held and not parts["carbody"].held:
         raise InputError(f"{where}: bogie.held without carbody.held leaves the car body on fixed springs; hold both or none")
-    a_law(f"{where}: contact.law", contact.law)
     creeps = contact.creep_longitudinal, contact.creep_lateral
     if contact.law != "linear" and _any(creeps[0] == 0.0) and _any(np.maximum(*creeps) == 0.0):
         raise InputError(f"{where}: contact.creep_longitudinal and creep_lateral are both zero; use law = 'linear' for that")

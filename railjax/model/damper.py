@@ -7,35 +7,26 @@ A damper is a pytree with two things, and needs no base class; a law of one's ow
   eqs. (7)-(8), at the damper's own heights where `vehicle.lateral_damper` gives them, shape (n, *lanes), `internal` is (states, n, *lanes). Returns the force of one bogie's dampers in N, positive
   along `velocity` when it resists, and the rate of the internal states.
 
-It may have more, where the law needs it:
-
-* `observes = True`: `force` takes a fifth argument, a `Seen`, for a controller that looks further than the damper's travel;
-* `held(vehicle, travel, velocity, internal, seen)`: the internal states as they go into the next step of a run. A sampled controller
-  decides here and keeps its decision, an internal state of rate zero, through the four stages of RK4: a decision made within
-  a stage would destroy the order. It is called at the start and after every step, and must not change what it gave itself;
-  `railjax.dampers.sampling` holds a decision over a sample time of the controller's own;
-* `extremes(vehicle)`: laws, linear at rest, that bound the rates of its motion where its own linearisation at rest does not;
-* `fault()`: what is wrong with its numbers together, as the end of a message, or None; single ones are checked without it;
-* `even_states`: indices of the internal states that have no side (a valve's opening, not a force), for limit cycles.
+It may answer more for itself, where the law needs it: what else is asked of it, and what is taken where it says nothing, is `Law`. The package's
+laws inherit it; of others `answers` completes what they leave out.
 """
 
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import jax
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.arguments import ARGUMENTS
-from ..base.checks import shown, traced
+from ..base.checks import traced
 from ..base.errors import InputError
-from ..base.fields import structure
-from ..base.typing import Number
+from ..base.fields import LAWS, check_numbers, optional, quantity
+from ..base.typing import Number, Scalar
 from .kinematics import Groups
-from .suspension import blow_off_force, yaw_damper_force
-from .vehicle import Vehicle, YawDamper
+from .suspension import blow_off_force
+from .vehicle import Vehicle
 
 Bogies = Float[Array, "..."]
 
@@ -54,7 +45,7 @@ class Seen(NamedTuple):
 @runtime_checkable
 class Damper(Protocol):
     """What `simulate`, `hunting_branch`, `sweep`, `tune` and the rest ask of a damper: a frozen dataclass that is registered as a
-    pytree, with these two. What a law may have beyond them stands at the head of `railjax.model.damper`.
+    pytree, with these two. What a law may have beyond them stands in `railjax.model.damper.Law`.
 
     >>> @jax.tree_util.register_dataclass
     ... @dataclass(frozen=True)
@@ -82,52 +73,109 @@ class Damper(Protocol):
         ...
 
 
+class Law:
+    """What a law answers for itself besides `force` (see `Damper`), with what is taken where it says nothing."""
+
+    #: `force` takes a fifth argument, a `Seen`, for a controller that looks further than the damper's travel
+    observes: ClassVar[bool] = False
+    #: "sharp", or "smooth" for its twin without corners and jumps; None: there is but one
+    law: ClassVar[str | None] = None
+
+    force: Callable[..., tuple[Bogies, Bogies]]
+
+    @property
+    def internal_states(self) -> int:
+        """States of its own per bogie."""
+        return 0
+
+    @property
+    def even_states(self) -> tuple[int, ...]:
+        """Indices of the internal states that have no side (a valve's opening, not a force), for limit cycles."""
+        return ()
+
+    def held(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies, seen: Seen) -> Bogies:
+        """The internal states as they go into the next step of a run.
+
+        A sampled controller decides here and keeps its decision, an internal state of rate zero, through the four stages of RK4: a decision
+        made within a stage would destroy the order. It is called at the start and after every step, and must not change what it gave
+        itself; `railjax.dampers.sampling` holds a decision over a sample time of the controller's own.
+        """
+        return internal
+
+    @property
+    def decides(self) -> bool:
+        """Whether it is a controller: what has a `held` of its own."""
+        return getattr(self.held, "__func__", None) is not Law.held
+
+    def extremes(self, vehicle: Vehicle) -> tuple[Damper, ...]:
+        """Laws, linear at rest, that bound the rates of its motion where its own linearisation at rest does not."""
+        return ()
+
+    def fault(self) -> str | None:
+        """What is wrong with its numbers together, as the end of a message; single ones are checked without it."""
+        return None
+
+    @property
+    def memoryless(self) -> bool:
+        """Whether it is a law of travel and velocity alone, which statistical linearisation takes."""
+        return self.internal_states == 0 and not self.observes
+
+    @property
+    def linear(self) -> bool:
+        """Whether its linearisation at rest says what it does: of laws with a memory there is no better, of others it may be curved."""
+        return not (self.decides or self.memoryless)
+
+    def describing(self, vehicle: Vehicle, omega: Scalar) -> Damper | None:
+        """A linear law that does the same to an oscillation of `omega` (rad/s), whatever its amplitude; None where there is none."""
+        return None
+
+
+class _Answers(Law):
+    """Somebody's law, with the defaults for what it does not answer itself."""
+
+    internal_states: int = 0
+    even_states: tuple[int, ...] = ()
+
+    def __init__(self, damper: Any):
+        for name in ("internal_states", "force", "observes", "held", "extremes", "fault", "even_states", "law"):
+            if hasattr(damper, name):
+                setattr(self, name, getattr(damper, name))
+
+
+def answers(damper: Damper) -> Law:
+    """The damper, if it is a `Law`, or its answers completed by the defaults: the one place where these are looked for."""
+    return damper if isinstance(damper, Law) else _Answers(damper)
+
+
 def law_of(damper: Damper, seen: Seen) -> Callable[[Vehicle, Bogies, Bogies, Bogies], tuple[Bogies, Bogies]]:
     """The damper's `force` at this instant, with what it observes."""
-    if getattr(damper, "observes", False):
+    if answers(damper).observes:
         return lambda *local: damper.force(*local, seen)
     return damper.force
 
 
 def damper_extremes(vehicle: Vehicle, damper: Damper) -> list[Damper]:
     """The damper and the laws that bound its rates away from rest."""
-    return [damper, *(damper.extremes(vehicle) if hasattr(damper, "extremes") else ())]
+    return [damper, *answers(damper).extremes(vehicle)]
+
+
+def with_law(damper: Damper, law: str) -> Damper:
+    """The damper with its "sharp" law, or with the "smooth" twin of it, if it has both."""
+    own = answers(damper).law
+    return dataclasses.replace(damper, law=law) if isinstance(own, str) and own in LAWS and own != law else damper
 
 
 def check_damper(damper: object) -> None:
     """Refuse what is no damper, numbers that are not finite or have the wrong sign, where they are known, and a law that is not there."""
     kind = damper.__name__ if isinstance(damper, type) else type(damper).__name__
-    if isinstance(damper, type) or not isinstance(damper, Damper):
+    # the look at a protocol takes 30 µs
+    if isinstance(damper, type) or not isinstance(damper, (Law, Damper)):
         wanted = f"an object, {kind}()" if isinstance(damper, type) else "an object with internal_states and force(...)"
         raise InputError(f"damper must be {wanted}, not {damper!r}; railjax.Damper says how to write one")
     if jax.tree_util.all_leaves([damper]):
         raise InputError(f"damper: {kind} is no pytree; decorate it with @jax.tree_util.register_dataclass")
-    if not dataclasses.is_dataclass(damper):
-        return
-    for field in dataclasses.fields(damper):
-        key, value = f"damper.{field.name}", getattr(damper, field.name)
-        if field.name == "law" and value not in ("sharp", "smooth"):
-            raise InputError(f"{key} must be 'sharp' or 'smooth', not {value!r}")
-        leaves = [] if field.metadata.get("static") else jax.tree.leaves(value)
-        if isinstance(value, (list, dict)) and not leaves:
-            raise InputError(f"{key} must be a number, not {shown(value)}")
-        # NumPy, because under `jit` even constants become tracers of jax.numpy
-        for leaf in (leaf for leaf in leaves if not isinstance(leaf, jax.core.Tracer)):
-            if leaf.__class__ is float and 0.0 < leaf < np.inf:
-                continue
-            try:
-                array = np.asarray(leaf, float)
-            except (TypeError, ValueError):
-                raise InputError(f"{key} must be a number, not {shown(value)}") from None
-            if not np.all(np.isfinite(array)):
-                raise InputError(f"{key} must be finite, not {value}")
-            if np.any(array < 0.0) and np.ndim(value) < 2 and not dataclasses.is_dataclass(value):
-                raise InputError(f"{key} must not be negative, not {value}")
-            if np.any(array == 0.0) and field.name.endswith(
-                ("_lag", "_width", "sample_time", "series_stiffness", "damping_beyond")
-            ):
-                raise InputError(f"{key} must be positive, not {value}")
-    fault = damper.fault() if hasattr(damper, "fault") and not traced(damper) else None
+    known = check_numbers(damper, "damper") if dataclasses.is_dataclass(damper) else not traced(damper)
+    fault = answers(damper).fault() if known else None
     if fault:
         raise InputError(f"damper: {fault}")
 
@@ -137,12 +185,12 @@ ARGUMENTS["damper"] = lambda key, value: check_damper(value)
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class PassiveDamper:
+class PassiveDamper(Law):
     """The vehicle's own dampers, rho_cy with its blow-off if it has one; or linear ones of `damping` (N s/m per side)."""
 
-    damping: Number = None  # N s/m per side; None: the vehicle's own
+    damping: Number = optional("N s/m", "c", "damping per side; left out: the vehicle's own")
 
-    internal_states: ClassVar[int] = 0
+    linear: ClassVar[bool] = True
 
     @classmethod
     def soft(cls) -> "PassiveDamper":
@@ -175,48 +223,14 @@ class PassiveDamper:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class MaxwellDamper:
-    """Dashpots of `damping` c in series with a stiffness k (rubber ends, oil), both per side; blow-off as the yaw dampers'.
+class EquivalentDamper(Law):
+    """A spring and a dashpot for each bogie's pair of dampers: what linearisation makes of a law. One number, or one for each bogie, (n, 1)."""
 
-    One internal state, the dashpot's elongation s: F = 2 k (Δy_c - s), s' = v(k (Δy_c - s)). Typical: k 3 to 10 MN/m. The corners
-    of the blow-off are sharp or rounded within `blow_off_width` as `law` says.
-    """
+    stiffness: Number = quantity("N/m", "k", "stiffness of a bogie's pair of dampers", signed=True)
+    damping: Number = quantity("N s/m", "c", "damping of a bogie's pair of dampers", signed=True)
 
-    damping: Number = 25e3  # N s/m per side
-    series_stiffness: Number = 5e6  # N/m per side
-    blow_off_velocity: Number = None  # m/s; None: no blow-off
-    damping_beyond: Number = None  # N s/m per side, beyond blow-off
-    blow_off_width: Number = 1e-3  # m/s
-    law: Literal["sharp", "smooth"] = structure("sharp")
-
-    internal_states: ClassVar[int] = 1
+    linear: ClassVar[bool] = True
 
     def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
-        """The yaw dampers' Maxwell element, across the secondary suspension: F = 2 k (Δy_c - s).
-
-        Args:
-            vehicle: plays no part; all numbers are the damper's own.
-            travel: Δy_c over each bogie, shape `(n, *lanes)`, m.
-            velocity: Δy_c', shape `(n, *lanes)`, m/s; plays no part beside the stiffness.
-            internal: elongation s of the dashpots, shape `(1, n, *lanes)`, m.
-
-        Returns:
-            The force of each bogie's two dampers, `(n, *lanes)`, N, positive along Δy_c' when it resists; and s',
-            `(1, n, *lanes)`, m/s.
-        """
-        element = YawDamper(
-            self.damping, 1.0, self.blow_off_velocity, self.damping_beyond, self.series_stiffness, self.blow_off_width
-        )
-        return yaw_damper_force(self.law, element, travel, velocity, internal)
-
-    def fault(self) -> str | None:
-        """A valve that is half described."""
-        if (self.blow_off_velocity is None) != (self.damping_beyond is None):
-            return "blow_off_velocity and damping_beyond belong together; give both or none"
-        return None
-
-    def extremes(self, vehicle: Vehicle) -> tuple["MaxwellDamper", ...]:
-        """Beyond blow-off the dashpot yields at the rate k/c_b."""
-        if self.blow_off_velocity is None:
-            return ()
-        return (MaxwellDamper(self.damping_beyond, self.series_stiffness),)
+        """k Δy_c + c Δy_c'."""
+        return self.stiffness * travel + self.damping * velocity, internal

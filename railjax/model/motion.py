@@ -18,7 +18,7 @@ from ..base.compilation import fence, one_kernel
 from ..base.packing import Packed
 from ..base.typing import Scalar
 from .contact.creep import ContactForce, Creepage, contact_force, creepages
-from .damper import Damper, PassiveDamper, Seen, law_of
+from .damper import Damper, PassiveDamper, Seen, answers, law_of
 from .kinematics import Groups, damper_point, deflections, join, size, split, transposed
 from .parameters import without_labels
 from .suspension import bump_stop_force, yaw_damper_force, yaw_damper_states
@@ -158,8 +158,9 @@ def _pieces(vehicle: Vehicle, damper: Damper, x: Float[Array, "states *lanes"]) 
 
 
 def held(vehicle: Vehicle, damper: Damper, x: Float[Array, "states *lanes"]) -> Float[Array, "states *lanes"]:
-    """The state between two steps, with what the damper holds until the next: `Damper.held`. Doing it twice changes nothing."""
-    if not hasattr(damper, "held"):
+    """The state between two steps, with what the damper holds until the next: `Law.held`. Doing it twice changes nothing."""
+    law = answers(damper)
+    if not law.decides:
         return x
     flat, flat_rates, internal, elongation = _pieces(vehicle, damper, x)
     q, rates = split(vehicle, flat), split(vehicle, flat_rates)
@@ -167,7 +168,7 @@ def held(vehicle: Vehicle, damper: Damper, x: Float[Array, "states *lanes"]) -> 
     if "secondary_y" not in deflection:
         return x
     at = damper_point(deflection)
-    internal = damper.held(vehicle, deflection[at], rate[at], internal, Seen(q, rates, elongation))
+    internal = law.held(vehicle, deflection[at], rate[at], internal, Seen(q, rates, elongation))
     pieces = [piece.reshape((-1, *x.shape[1:])) for piece in (internal, elongation)]
     return jnp.concatenate([flat, flat_rates, *pieces])
 

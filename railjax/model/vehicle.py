@@ -13,7 +13,7 @@ from typing import Literal, get_args
 
 import jax
 
-from ..base.fields import optional, quantity, structure, table
+from ..base.fields import LAWS, optional, quantity, structure, table
 from ..base.typing import Number
 
 HELD = "true: it does not move, and its mass and inertias are not needed"
@@ -173,7 +173,7 @@ class Contact:
     creep_spin: Number = quantity("N m^2", "f_22", "spin creep coefficient", 0.0)
     creep_width: Number = quantity("1", "", "smooth twin: rounding of u at zero creep", 0.01)
     flange_width: Number = quantity("m", "", "smooth twin: rounding of the dead band's corners", 1e-4)
-    law: Literal["sharp", "smooth", "linear"] = structure("sharp", '"sharp", "smooth" or "linear"')
+    law: Literal["sharp", "smooth", "linear"] = structure("sharp", '"sharp", "smooth" or "linear"', (*LAWS, "linear"))
 
 
 @dataclass(frozen=True)

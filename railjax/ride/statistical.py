@@ -8,7 +8,7 @@ Gaussian: harmonics, hunting, rare large values. It is an approximation; compare
 
 import functools
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,11 +21,10 @@ from ..base.errors import InputError, NumericalError
 from ..base.failed_lanes import nan_unless, no_number, without_nan
 from ..base.packing import as_numbers
 from ..base.precision import require_double_precision
-from ..base.typing import Number, Scalar
+from ..base.typing import Scalar
 from ..base.units import KMH
-from ..dampers.controlled import BalanceLogic
 from ..model.contact.creep import flange_force, saturation, saturation_factor
-from ..model.damper import Bogies, Damper, Seen, law_of
+from ..model.damper import Bogies, Damper, EquivalentDamper, Seen, answers, law_of
 from ..model.kinematics import damper_point
 from ..model.motion import PASSIVE, Motion, wheelset_shape
 from ..model.parameters import bare
@@ -68,21 +67,6 @@ class StatisticalResponse:
         )
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class EquivalentDamper:
-    """A spring and a dashpot for each bogie's pair of dampers, N/m and N s/m, (n, 1)."""
-
-    stiffness: Number
-    damping: Number
-
-    internal_states: ClassVar[int] = 0
-
-    def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies) -> tuple[Bogies, Bogies]:
-        """k Δy_c + c Δy_c'."""
-        return self.stiffness * travel + self.damping * velocity, internal
-
-
 @guarded(("shortest", "longest"), track=an_excitation)
 def statistical_linearisation(
     vehicle: Vehicle,
@@ -118,7 +102,7 @@ def statistical_linearisation(
         InputError: for other laws, an unknown channel or spectrum, and in single precision.
     """
     require_double_precision("statistical linearisation")
-    if not memoryless(damper):
+    if not answers(damper).memoryless:
         raise InputError(
             f"statistical linearisation takes laws of travel and velocity without memory (PassiveDamper, BalanceLogic without lags), not {type(damper).__name__}"
         )
@@ -131,13 +115,6 @@ def statistical_linearisation(
         )
         raise NumericalError(f"statistical linearisation fails at {float(speed) * KMH:.1f} km/h: {why}; simulate instead")
     return StatisticalResponse(FrequencyResponse(frequency, transfer, waves, growth, speed, vehicle.name), gains, change)
-
-
-def memoryless(damper: Damper) -> bool:
-    """Whether the law is one of travel and velocity alone."""
-    if isinstance(damper, BalanceLogic):
-        return damper.sensor_lag is None and damper.actuator_lag is None
-    return damper.internal_states == 0 and not getattr(damper, "observes", False)
 
 
 @functools.partial(jax.jit, static_argnames="record")
@@ -272,6 +249,5 @@ def _force(vehicle: Vehicle, damper: Damper, travel: Bogies, velocity: Bogies) -
     """The damper's force where its controller has just decided, N."""
     seen = Seen({}, {})
     internal = jnp.zeros((damper.internal_states, *travel.shape))
-    if hasattr(damper, "held"):
-        internal = damper.held(vehicle, travel, velocity, internal, seen)
+    internal = answers(damper).held(vehicle, travel, velocity, internal, seen)
     return law_of(damper, seen)(vehicle, travel, velocity, internal)[0]

@@ -3,8 +3,9 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
@@ -65,6 +66,13 @@ class Modes:
             lines.append(f"{name:42s} {frequency:8.3f} {damping:8.4f} {value.real:10.4f}")
         return "\n".join(lines)
 
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and lists, for JSON."""
+        columns = self.names, self.frequency, self.damping_ratio, self.eigenvalues.real, self.condition
+        keys = "name", "frequency_hz", "damping_ratio", "growth_per_s", "condition"
+        rows = [(name, *map(float, numbers)) for name, *numbers in zip(*columns, strict=True)]
+        return {"speed_kmh": self.speed * KMH, "modes": [dict(zip(keys, row, strict=True)) for row in rows]}
+
 
 @guarded(speed=ONE_SPEED)
 def modes(vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> Modes:
@@ -120,6 +128,23 @@ def damping_ratios(values: Complex[Array | np.ndarray, "..."]) -> Float[Array | 
     """zeta = -Re(lambda)/|lambda| of eigenvalues, by the library that they are of; 0 for a rigid-body mode, lambda = 0."""
     size = abs(values)
     return -values.real / (np if isinstance(values, np.ndarray) else jnp).where(size > 0.0, size, 1.0)
+
+
+class LeastDamped(NamedTuple):
+    """Of straight running: damping ratio and frequency of the mode that is damped least, and the largest growth rate of all."""
+
+    ratio: Float[Array, "..."]  # zeta, dimensionless; -1 for one that runs away without oscillating
+    frequency: Float[Array, "..."]  # Hz; 0 for a real mode
+    growth: Float[Array, "..."]  # Re(lambda), 1/s; negative where running is stable
+
+
+def least_damped(values: Complex[Array, "modes"]) -> LeastDamped:
+    """The least damped of the modes that move, of their eigenvalues (1/s): oscillations, and real ones too, for a vehicle that leans over without
+    oscillating is unstable as well. A rigid-body mode at rest, lambda = 0, has no damping ratio. Differentiable; NaN where the eigenvalues are."""
+    ratio, size = damping_ratios(values), jnp.abs(values)
+    moving = size > 1e-9 * jnp.max(size)
+    least = jax.lax.stop_gradient(jnp.argmin(jnp.where(moving, ratio, jnp.inf)))
+    return LeastDamped(ratio[least], jnp.abs(values.imag[least]) / (2.0 * jnp.pi), jnp.max(values.real))
 
 
 def _names(vehicle: Vehicle, values: np.ndarray, shapes: np.ndarray, energy: np.ndarray) -> list[str]:

@@ -1,14 +1,10 @@
-"""One chunk of a sweep, wherever it is computed: here, or by a worker of an executor."""
+"""One chunk of a sweep, wherever it is computed."""
 
-import contextlib
-import pickle
-import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
@@ -187,56 +183,3 @@ def _with_lanes(name: str, values: Any, lanes: int) -> np.ndarray:
             "wrap a study of a single point in railjax.each_point"
         )
     return array
-
-
-_turn = threading.Lock()
-_known: dict[str, Job] = {}
-
-
-class Settings(NamedTuple):
-    """JAX as workers are to set it: double precision, CPU devices."""
-
-    double: bool
-    devices: int
-
-
-class Fault(NamedTuple):
-    """An error of the study as a worker reports it: its text, and whether it is an `InputError`."""
-
-    text: str
-    of_input: bool
-
-
-def packed(job: Job) -> bytes:
-    """The job as workers get it. Raises `InputError` where the study cannot be pickled."""
-    # NumPy, for unpickling a JAX array would start JAX before its settings are made
-    given = jax.tree.map(lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, job.given)
-    job = replace(job, given=given)
-    try:
-        try:
-            import cloudpickle  # comes with dask; sends functions of a script or notebook by value
-
-            return cloudpickle.dumps(job)
-        except ImportError:
-            return pickle.dumps(job)
-    except Exception as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"the study cannot be sent to workers ({reason}): define it in a module of its own") from None
-
-
-def work(settings: Settings, key: str, job: bytes, points: Points, first: bool) -> Computed | Fault:
-    """`compute` in a worker: the job is unpacked once, JAX is set as in the process that asked, one chunk runs at a time."""
-    with _turn:
-        if key not in _known:
-            if jax.config.jax_enable_x64 != settings.double:
-                jax.config.update("jax_enable_x64", settings.double)
-            # where JAX has started already it has as many devices as it has
-            with contextlib.suppress(RuntimeError):
-                jax.config.update("jax_num_cpu_devices", settings.devices)
-            _known.clear()
-            _known[key] = pickle.loads(job)
-        try:
-            return compute(_known[key], points, first)
-        except Exception as error:
-            of_input = isinstance(error, InputError)
-            return Fault(str(error) if of_input else f"{type(error).__name__}: {error}", of_input)

@@ -12,20 +12,18 @@ from typing import Any
 
 import numpy as np
 
+from ..base.checks import shown
 from ..base.errors import InputError, nearest
-from ..base.units import KMH, SUFFIXES, keys_of
+from ..base.fields import given_fields, given_number, keys_by_unit
+from ..base.units import KMH
 from ..dampers.named import DAMPERS, make_damper
 from ..model.kinematics import UNITS as COORDINATES
-from ..model.track.random import RandomTrack
-from ..model.track.shapes import BumpTrack, SinusoidTrack, TangentTrack
+from ..model.track.named import TRACKS, make_track
 from ..model.vehicle import PARTS, Vehicle
 from ..vehicles.files import load_vehicle
-from ..vehicles.values import number, shown
-from .names import UNITS
 from .points import DESIGNS, MOST_POINTS, SAMPLED, SCALES
 from .ready_made import STUDIES, arguments_of
 
-TRACKS: dict[str, type] = {"tangent": TangentTrack, "sinusoid": SinusoidTrack, "bump": BumpTrack}
 SPEEDS = {"speed_kmh": 1.0 / KMH, "speed_m_per_s": 1.0}
 TOP = ("study", "vehicle", "design", "samples", "seed", "chunk", "options", "track", "damper", "over", *SPEEDS)
 RANGE = ("from", "to", "points", "scale")
@@ -95,7 +93,7 @@ def _read(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
     if len(given) > 1:
         raise InputError(f"speed is given twice: {' and '.join(given)}; keep one")
     if given:
-        found["speed"] = number(raw[given[0]], given[0]) * SPEEDS[given[0]]
+        found["speed"] = given_number(raw[given[0]], given[0]) * SPEEDS[given[0]]
     if "track" in raw:
         found["track"] = _track(_table(raw, "track"))
     if "damper" in raw:
@@ -129,25 +127,13 @@ def _table(raw: dict[str, Any], key: str) -> dict[str, Any]:
 
 
 def _study(kind: str, options: dict[str, Any]) -> Any:
-    fields = {f.name: f for f in dataclasses.fields(STUDIES[kind]) if f.name != "initial"}
-    accepted = _accepted(STUDIES[kind])
     values: dict[str, Any] = {}
-    for key, value in options.items():
-        name = f"options.{key}"
-        if key == "initial" and "initial" in {f.name for f in dataclasses.fields(STUDIES[kind])}:
-            values["initial"] = _initial(value)
-        elif key in accepted and "unit" in accepted[key][0].metadata:
-            field, factor = accepted[key]
-            _once(values, field.name, name)
-            values[field.name] = number(value, name) * factor
-        elif key in fields and "unit" not in fields[key].metadata:
-            values[key] = _plain(fields[key], value, name)
-        else:
-            known = [k for k, (f, _) in accepted.items() if f.name in fields]
-            if not known:
-                raise InputError(f"unknown key {name}: the study {kind!r} has no options")
-            raise InputError(f"unknown key {name}{nearest(key, known, 'options')}")
-    return STUDIES[kind](**values)
+    if "initial" in options and "initial" in {f.name for f in dataclasses.fields(STUDIES[kind])}:
+        values["initial"] = _initial(options["initial"])
+        options = {key: value for key, value in options.items() if key != "initial"}
+    if options and not dataclasses.fields(STUDIES[kind]):
+        raise InputError(f"unknown key options.{next(iter(options))}: the study {kind!r} has no options")
+    return STUDIES[kind](**values, **given_fields(STUDIES[kind], options, "options"))
 
 
 def _initial(table: Any) -> dict[str, float]:
@@ -165,35 +151,8 @@ def _initial(table: Any) -> dict[str, float]:
             raise InputError(f"unknown key options.initial.{key}{nearest(key, accepted, 'options.initial')}")
         name, factor = accepted[key]
         _once(values, name, f"options.initial.{key}")
-        values[name] = number(value, f"options.initial.{key}") * factor
+        values[name] = given_number(value, f"options.initial.{key}") * factor
     return values
-
-
-def _plain(field: dataclasses.Field, value: Any, name: str) -> Any:
-    """An option without a unit: a list of names, a name, or a whole number."""
-    if isinstance(field.default, tuple):
-        if not isinstance(value, list) or not value or not all(isinstance(entry, str) for entry in value):
-            raise InputError(f'{name} must be a list of names, like ["rms:carbody_acceleration"]')
-        return tuple(value)
-    if isinstance(field.default, str):
-        if not isinstance(value, str):
-            raise InputError(f'{name} must be a name, like "{field.default}", not {shown(value)}')
-        return value
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise InputError(f"{name} must be a whole number, not {shown(value)}")
-    return value
-
-
-def _accepted(part: Any) -> dict[str, tuple[dataclasses.Field, float]]:
-    """Every key by which a file may give a number of a dataclass, with the field and the factor to SI."""
-    found = {}
-    for field in dataclasses.fields(part):
-        if not field.metadata.get("static"):
-            unit = field.metadata.get("unit", UNITS.get(field.name, "1"))
-            spelled = unit.replace("/", "_per_").replace(" ", "").replace("^", "")
-            keys = keys_of(field.name, unit) if unit in SUFFIXES else {f"{field.name}_{spelled}": 1.0}
-            found |= {key: (field, factor) for key, factor in keys.items()}
-    return found
 
 
 def _once(values: dict[str, Any], name: str, key: str) -> None:
@@ -201,60 +160,15 @@ def _once(values: dict[str, Any], name: str, key: str) -> None:
         raise InputError(f"{key}: {name} is given twice, in two units; keep one")
 
 
-def _numbers(part: Any, table: dict[str, Any], where: str) -> dict[str, float]:
-    """The numbers of a table, in SI, by the fields of a dataclass."""
-    accepted = _accepted(part)
-    values: dict[str, float] = {}
-    for key, value in table.items():
-        if key not in accepted:
-            raise InputError(f"unknown key {where}.{key}{nearest(key, ['kind', *accepted], where)}")
-        field, factor = accepted[key]
-        _once(values, field.name, f"{where}.{key}")
-        values[field.name] = number(value, f"{where}.{key}") * factor
-    return values
-
-
 def _track(table: dict[str, Any]) -> Any:
-    name = _one_of(table, "kind", (*TRACKS, "random"), "track.")
-    if name == "random":
-        return _random_track({key: value for key, value in table.items() if key != "kind"})
-    kind = TRACKS[name]
-    values = _numbers(kind, {key: value for key, value in table.items() if key != "kind"}, "track")
-    for field in dataclasses.fields(kind):
-        if field.name not in values and field.default is dataclasses.MISSING:
-            raise InputError(f"missing key track.{field.name}_m")
-    return kind(**values)
-
-
-def _random_track(table: dict[str, Any]) -> RandomTrack:
-    known = ("spectrum", "seed", "length_m", "amplitude")
-    for key in table:
-        if key not in known:
-            raise InputError(f"unknown key track.{key}{nearest(key, known, 'track')}")
-    named = {"spectrum": table.get("spectrum", "erri-high"), "seed": table.get("seed", 0)}
-    for key, kind in (("spectrum", str), ("seed", int)):
-        if not isinstance(named[key], kind) or isinstance(named[key], bool):
-            raise InputError(f"track.{key} must be a {'name' if kind is str else 'whole number'}, not {shown(named[key])}")
-    keys = {"length_m": "length", "amplitude": "amplitude"}
-    numbers: dict[str, Any] = {keys[key]: number(table[key], f"track.{key}") for key in keys if key in table}
-    try:
-        return RandomTrack(**named, **numbers)
-    except InputError as error:
-        raise InputError(f"track: {error}") from None
+    name = _one_of(table, "kind", tuple(TRACKS), "track.")
+    return make_track(name, {key: value for key, value in table.items() if key != "kind"})
 
 
 def _damper(table: dict[str, Any], vehicle: Vehicle, speed: float | None) -> Any:
-    kind = _one_of(table, "kind", DAMPERS, "damper.")
-    if kind == "clipped-lqr" and speed is None:
-        raise InputError("damper.kind clipped-lqr is designed at a speed: give speed_kmh")
-    damper: Any = make_damper(kind, vehicle, 1.0 if speed is None else speed)
-    rest = {key: value for key, value in table.items() if key not in ("kind", "law")}
-    values: dict[str, Any] = dict(_numbers(damper, rest, "damper"))
-    if "law" in table:
-        if "law" not in {f.name for f in dataclasses.fields(damper)}:
-            raise InputError(f"damper.law: {kind} has only one")
-        values["law"] = _one_of(table, "law", ("sharp", "smooth"), "damper.")
-    return dataclasses.replace(damper, **values)
+    damper: Any = make_damper(_one_of(table, "kind", DAMPERS, "damper."), vehicle, speed)
+    rest = {key: value for key, value in table.items() if key != "kind"}
+    return dataclasses.replace(damper, **given_fields(damper, rest, "damper", also=("kind",)))
 
 
 def _over(table: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
@@ -290,9 +204,9 @@ def _parameter(key: str, found: dict[str, Any]) -> tuple[str, float]:
     for step in path[1:]:
         part = getattr(part, step, None)
     if not dataclasses.is_dataclass(part):
-        examples = [*SPEEDS, *(f"{name}.{k}" for name, kind in PARTS.items() for k in _accepted(kind))]
+        examples = [*SPEEDS, *(f"{name}.{k}" for name, kind in PARTS.items() for k in keys_by_unit(kind))]
         raise InputError(f"unknown parameter over.{key}{nearest(key, examples)}")
-    accepted = _accepted(part)
+    accepted = keys_by_unit(part)
     if last not in accepted:
         raise InputError(f"unknown parameter over.{key}{nearest(last, accepted, '.'.join(path))}")
     field, factor = accepted[last]
@@ -303,7 +217,7 @@ def _values(value: Any, factor: float, design: str, name: str) -> Any:
     """Values, or the ends of a range, in SI."""
     sampled = design in SAMPLED
     if isinstance(value, list) and value and not sampled:
-        return np.array([number(entry, name) for entry in value]) * factor
+        return np.array([given_number(entry, name) for entry in value]) * factor
     needed = ("from", "to") if sampled else ("from", "to", "points")
     if not isinstance(value, dict) or any(key not in value for key in needed):
         if sampled:
@@ -312,7 +226,7 @@ def _values(value: Any, factor: float, design: str, name: str) -> Any:
     for key in value:
         if key not in (*needed, "scale"):
             raise InputError(f"unknown key {name}.{key}{nearest(key, [*needed, 'scale'])}")
-    low, high = (number(value[key], f"{name}.{key}") * factor for key in ("from", "to"))
+    low, high = (given_number(value[key], f"{name}.{key}") * factor for key in ("from", "to"))
     scale = _one_of(value, "scale", SCALES, f"{name}.") if "scale" in value else "linear"
     if scale == "log" and not min(low, high) > 0:
         raise InputError(f'{name}: a range of scale = "log" must be positive')

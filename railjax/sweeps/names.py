@@ -7,40 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import InputError
+from ..base.fields import check_number
 from ..model.damper import check_damper
 from ..model.parameters import get_parameter, set_parameter
 from ..model.track.shapes import check_track
 from ..model.vehicle import PARTS
-from ..vehicles.values import converted
-
-#: units of the fields of tracks and dampers that do not carry them
-UNITS = {
-    "speed": "m/s",
-    "amplitude": "m",
-    "wavelength": "m",
-    "length": "m",
-    "start": "m",
-    "alpha": "1",
-    "damping": "N s/m",
-    "damping_min": "N s/m",
-    "damping_max": "N s/m",
-    "damping_beyond": "N s/m",
-    "series_stiffness": "N/m",
-    "blow_off_velocity": "m/s",
-    "force_limit": "N",
-    "mr_force": "N",
-    "mr_current": "A",
-    "voltage": "V",
-    "voltage_limit": "V",
-    "voltage_gain": "V/m",
-    "sensor_lag": "s",
-    "actuator_lag": "s",
-    "current_lag": "s",
-    "travel_width": "m",
-    "velocity_width": "m/s",
-    "signal_width": "1",
-    "crossover": "rad/s",
-}
 
 
 def owner(name: str) -> str | None:
@@ -80,8 +51,10 @@ def field_of(given: dict[str, Any], name: str) -> dataclasses.Field | None:
 
 def unit_of(given: dict[str, Any], name: str) -> str:
     """SI unit of a parameter, "" where none is known."""
+    if name == "speed":
+        return "m/s"
     field = field_of(given, name)
-    return UNITS.get(name.rpartition(".")[2], "") if field is None or "unit" not in field.metadata else field.metadata["unit"]
+    return "" if field is None else field.metadata.get("unit", "")
 
 
 def placed(given: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
@@ -109,8 +82,7 @@ def check_range(given: dict[str, Any], name: str, low: float, high: float) -> No
     if name == "speed" and not low > 0:
         raise InputError(f"speed must be positive (m/s), not {low:g}: creepage is a ratio to the speed")
     if owner(name) == "vehicle":
-        for value in (low, high):
-            converted(value, 1.0, field, name)
+        check_number(name, np.array([low, high]), field.metadata)
     elif field is not None:
         ends = placed(given, {name: np.array([low, high])})
         check_track(ends["track"]) if owner(name) == "track" else check_damper(ends["damper"])

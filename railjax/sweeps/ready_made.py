@@ -6,12 +6,12 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from ..base.arguments import guarded
 from ..base.batches import Batch
@@ -29,7 +29,7 @@ from ..simulation.simulate import Simulation, simulate
 from ..simulation.speed import Speed
 from ..stability.hunting.nonlinear_critical import Hunting, nonlinear_critical
 from ..stability.linear_critical import LinearCritical, Stability, linear_critical
-from ..stability.modes import damping_ratios
+from ..stability.modes import LeastDamped, least_damped
 
 TANGENT = TangentTrack()
 
@@ -98,16 +98,11 @@ class NonlinearCriticalSpeed:
         }
 
 
-class _Least(NamedTuple):
-    least_damping_ratio: Float[Array, "..."]
-    frequency: Float[Array, "..."]
-    growth: Float[Array, "..."]
-
-
 @dataclass(frozen=True)
 class LeastDamping:
-    """The least damped oscillation of straight running at a speed: damping ratio ζ = -Re λ/|λ| and frequency; and the largest
-    growth rate Re λ of all modes, which is negative where running is stable."""
+    """The least damped mode of straight running at a speed (`stability.modes.least_damped`): damping ratio ζ = -Re λ/|λ|, -1 where the
+    vehicle leans over without oscillating, and frequency; and the largest growth rate Re λ of all modes, which is negative where
+    running is stable."""
 
     units: ClassVar[dict[str, str]] = {"least_damping_ratio": "1", "frequency": "Hz", "growth": "1/s"}
     chunk: ClassVar[int] = 4096
@@ -116,16 +111,13 @@ class LeastDamping:
         """All lanes, one after another."""
         require_double_precision("the damping of the modes")
         trees = (without_labels(vehicle), speed, damper)
-        return _least_damping(trees)._asdict()
+        return dict(zip(self.units, _least_damped(trees), strict=True))
 
 
 @jax.jit
-def _least_damping(trees: tuple) -> _Least:
-    def single(vehicle: Vehicle, speed: Scalar, damper: Damper) -> _Least:
-        values = jnp.linalg.eigvals(state_matrix(vehicle, speed, damper))
-        ratio = jnp.where(values.imag <= 0, jnp.inf, damping_ratios(values))  # NaN stays, and is the least
-        least = jnp.argmin(ratio)
-        return _Least(ratio[least], values.imag[least] / (2.0 * jnp.pi), jnp.max(values.real))
+def _least_damped(trees: tuple) -> LeastDamped:
+    def single(vehicle: Vehicle, speed: Scalar, damper: Damper) -> LeastDamped:
+        return least_damped(jnp.linalg.eigvals(state_matrix(vehicle, speed, damper)))
 
     batch = Batch.of(*trees)
     if batch.lanes is None:

@@ -15,10 +15,8 @@ chunks; a host that fell out is made good by running the script again, with as m
 On the GPUs of one host nothing is to be done: `simulate` and `each_point` shard a chunk over all local devices.
 """
 
-import concurrent.futures
 import contextlib
 import difflib
-import hashlib
 import logging
 import os
 import platform
@@ -29,7 +27,7 @@ import jax
 
 from ..base.arguments import guarded
 from ..base.checks import a_function, a_table
-from ..base.errors import InputError, NumericalError
+from ..base.errors import InputError
 from ..base.progress import Clock, Report, bar, stoppable
 from ..base.source import digest_of_source
 from ..model.damper import Damper, check_damper
@@ -37,20 +35,19 @@ from ..model.parameters import without_labels
 from ..model.track.shapes import Track, check_track
 from ..model.vehicle import Vehicle
 from ..simulation.speed import Speed, a_speed
-from .chunks import Computed, Fault, Job, Settings, compute, packed, work
+from .chunks import Computed, Job, compute
 from .fingerprint import described, lines
 from .names import check_range, owner, unit_of
 from .points import SAMPLED, Blocks, Design, make_design
 from .ready_made import STUDIES, arguments_of
 from .store import SweepStore
+from .workers import Settings, in_workers
 
 if TYPE_CHECKING:
     import xarray
 
 #: points of a chunk where neither the caller nor the study says how many
 CHUNK = 1024
-#: how often a chunk is given to an executor whose workers die over it
-TRIES = 4
 
 log = logging.getLogger("railjax")
 
@@ -137,12 +134,7 @@ def sweep(
     given = {name: value for name, value in given.items() if value is not None}
     _check(study, given, points)
     largest = getattr(study, "chunk", CHUNK) if chunk is None else chunk
-    if not isinstance(largest, int) or largest < 1:
-        raise InputError(f"chunk must be a number of points, at least 1, not {largest!r}")
-    if executor is not None and not callable(getattr(executor, "submit", None)):
-        raise InputError("executor must have a submit method, as a ProcessPoolExecutor or dask's client.get_executor()")
-    if in_flight is not None and not in_flight >= 1:
-        raise InputError(f"in_flight must be a number of chunks, at least 1, not {in_flight}")
+    _check_work(largest, executor, in_flight)
     share, shares = _part(part, out)
     blocks = Blocks(points, largest)
     if shares > blocks.count:
@@ -152,8 +144,7 @@ def sweep(
     attributes = _attributes(study, given, points, samples, seed)
     fingerprint = _fingerprint(study, given, blocks, named)
     job = Job(study, given, blocks.lanes, named)
-    with contextlib.ExitStack() as stack:
-        stop = stack.enter_context(stoppable("stopping after this chunk; Ctrl-C again stops at once"))
+    with stoppable("stopping after this chunk; Ctrl-C again stops at once") as stop:
         store = SweepStore(out, blocks, parameter_units, attributes, fingerprint)
         done = store.done()
         ours = range(share, blocks.count, shares)
@@ -163,21 +154,46 @@ def sweep(
         else:
             devices = jax.config.jax_num_cpu_devices if worker_devices is None else worker_devices
             settings = Settings(bool(jax.config.jax_enable_x64), devices)
-            results = _there(executor, job, settings, blocks, todo, store, in_flight)
-        stack.enter_context(contextlib.closing(results))
+            results = in_workers(executor, job, settings, blocks, todo, store, in_flight)
         clock = Clock(sum(blocks.size(k) for k in ours if done[k]), sum(blocks.size(k) for k in ours))
-        report = progress if callable(progress) else stack.enter_context(bar(bool(progress), "sweep"))
-        try:
-            for index, computed in results:
-                _log_errors(blocks, index, computed)
-                store.write(index, computed)
-                report(clock.advance(len(computed.code)))
-                if stop() and clock.done < clock.total:
-                    raise KeyboardInterrupt
-        except KeyboardInterrupt:
-            kept = f"{clock.done} of {clock.total} points are in {out}; the same again goes on from there"
-            raise KeyboardInterrupt(f"stopped: {kept if out else 'nothing is kept without out='}") from None
+        with contextlib.closing(results), _reporting(progress) as report:
+            try:
+                _write(results, store, blocks, clock, report, stop)
+            except KeyboardInterrupt:
+                kept = f"{clock.done} of {clock.total} points are in {out}; the same again goes on from there"
+                raise KeyboardInterrupt(f"stopped: {kept if out else 'nothing is kept without out='}") from None
         return store.dataset()
+
+
+def _reporting(progress: bool | Report) -> contextlib.AbstractContextManager[Report]:
+    return contextlib.nullcontext(progress) if callable(progress) else bar(bool(progress), "sweep")
+
+
+def _write(
+    results: Iterator[tuple[int, Computed]],
+    store: SweepStore,
+    blocks: Blocks,
+    clock: Clock,
+    report: Report,
+    stop: Callable[[], bool],
+) -> None:
+    """Every chunk as it comes; `KeyboardInterrupt` after the one that was running when Ctrl-C came."""
+    for index, computed in results:
+        _log_errors(blocks, index, computed)
+        store.write(index, computed)
+        report(clock.advance(len(computed.code)))
+        if stop() and clock.done < clock.total:
+            raise KeyboardInterrupt
+
+
+def _check_work(largest: Any, executor: Any, in_flight: int | None) -> None:
+    """Refuse what says how the chunks are computed and cannot be."""
+    if not isinstance(largest, int) or largest < 1:
+        raise InputError(f"chunk must be a number of points, at least 1, not {largest!r}")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise InputError("executor must have a submit method, as a ProcessPoolExecutor or dask's client.get_executor()")
+    if in_flight is not None and not in_flight >= 1:
+        raise InputError(f"in_flight must be a number of chunks, at least 1, not {in_flight}")
 
 
 def _check(study: Callable[..., Any], given: dict[str, Any], design: Design) -> None:
@@ -271,61 +287,6 @@ def _part(part: tuple[int, int] | None, out: Any) -> tuple[int, int]:
 def _here(job: Job, blocks: Blocks, todo: list[int], store: SweepStore) -> Iterator[tuple[int, Computed]]:
     for index in todo:
         yield index, compute(job, blocks.points(index), first=store.group is None)
-
-
-def _there(
-    executor: Any,
-    job: Job,
-    settings: Settings,
-    blocks: Blocks,
-    todo: list[int],
-    store: SweepStore,
-    in_flight: int | None,
-) -> Iterator[tuple[int, Computed]]:
-    """Chunks as they come back; one whose worker died is given out again."""
-    parcel = packed(job)
-    key = hashlib.sha256(parcel).hexdigest()
-    most = in_flight or 2 * (getattr(executor, "_max_workers", None) or os.cpu_count() or 1)
-    waiting: dict[concurrent.futures.Future, int] = {}
-    tries = dict.fromkeys(todo, 0)
-    left = iter(todo)
-
-    def submit(index: int) -> None:
-        tries[index] += 1
-        try:
-            future = executor.submit(work, settings, key, parcel, blocks.points(index), store.group is None)
-        except concurrent.futures.BrokenExecutor as error:
-            raise NumericalError(f"a worker of the executor died ({error}); finished chunks are kept") from None
-        waiting[future] = index
-
-    try:
-        while True:
-            while len(waiting) < most and (index := next(left, None)) is not None:
-                submit(index)
-            if not waiting:
-                return
-            finished, _ = concurrent.futures.wait(waiting, return_when=concurrent.futures.FIRST_COMPLETED)
-            for future in finished:
-                index = waiting.pop(future)
-                try:
-                    found = future.result()
-                except (Exception, concurrent.futures.CancelledError) as error:
-                    if tries[index] >= TRIES:
-                        raise NumericalError(
-                            f"chunk {index} failed {TRIES} times on the executor's workers "
-                            f"({type(error).__name__}: {error}); finished chunks are kept"
-                        ) from None
-                    log.warning("chunk %d is computed again: %s: %s", index, type(error).__name__, error)
-                    submit(index)
-                    continue
-                if isinstance(found, Fault):
-                    if found.of_input:
-                        raise InputError(found.text)
-                    raise NumericalError(f"the study raises an error at every point tried of chunk {index}: {found.text}")
-                yield index, found
-    finally:
-        for future in waiting:
-            future.cancel()
 
 
 def _log_errors(blocks: Blocks, index: int, computed: Computed) -> None:

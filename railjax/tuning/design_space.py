@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.errors import InputError, nearest
-from ..base.fields import structure
+from ..base.fields import about_field, structure, wrong_sign
 from ..base.typing import Number
 from ..model.damper import Damper
-from ..model.parameters import bare, get_parameter, parameters, set_parameter
+from ..model.parameters import bare, get_parameter, set_parameter
 from ..model.vehicle import Provenance, Vehicle
 from .quantity import Trees
 
@@ -141,16 +141,10 @@ def _check(vehicle: Vehicle, damper: Damper, path: str, low: float) -> None:
         raise InputError(f"parameters: {path} is not there (None); give it a value first")
     if isinstance(value, (bool, str)) or np.ndim(value) or not np.isfinite(value):
         raise InputError(f"parameters: {path} must be a single finite number in the vehicle, not {value!r}")
-    if path.startswith(OF_DAMPER):
-        if low < 0.0:
-            raise InputError(f"parameters: {path} must not be negative; its lower bound is {low:g}")
-        return
-    field = dict(parameters(vehicle))[path]
-    signed = field.name.startswith(("bogie_to_", "carbody_height"))
-    if low < 0.0 and not signed:
-        raise InputError(f"parameters: {path} must not be negative; its lower bound is {low:g}")
-    if low == 0.0 and field.metadata["positive"]:
-        raise InputError(f"parameters: {path} must be positive; its lower bound is 0")
+    part = damper if path.startswith(OF_DAMPER) else getattr(vehicle, path.split(".")[0])
+    fault = wrong_sign(about_field(part, path.rpartition(".")[2]), low)
+    if fault:
+        raise InputError(f"parameters: {path} {fault}; its lower bound is {low:g}")
 
 
 def _bounds(name: str, given: Any) -> tuple[float, float, str | None]:

@@ -13,19 +13,19 @@ from ..base.batches import Batch
 from ..base.errors import InputError
 from ..base.fields import structure
 from ..base.typing import Number, Scalar
-from ..model.damper import Damper, PassiveDamper
+from ..model.damper import Damper, answers, with_law
 from ..model.track.random import RandomTrack
 from ..model.track.sampled import SampledTrack
 from ..model.track.shapes import TangentTrack, Track
 from ..model.track.spectra import LONGEST, SHORTEST, spectrum
 from ..model.vehicle import Vehicle
 from ..ride.frequency import POINTS, frequency_response, waves_of
-from ..ride.statistical import CONVERGED, EquivalentDamper, memoryless, statistical_linearisation
+from ..ride.statistical import CONVERGED, statistical_linearisation
 from ..ride.vibration import weighted_rms
 from ..simulation.channels import CHANNELS
 from ..simulation.integrate import DIVERGED, largest_step
 from ..simulation.simulate import Simulation, simulate
-from .quantity import Quantity, kmh, sharp_laws, smooth_damper, smoothed_laws
+from .quantity import Quantity, kmh, sharp_laws, smoothed_laws
 
 #: the sharp check of a spectrum: one whole period (m) of a realisation, after some seconds; samples each second of what is weighted
 PERIOD, SETTLING, RATE = 4e3, 10.0, 200.0
@@ -107,15 +107,13 @@ class Response(Forced):
 
     def suited(self, damper: Damper) -> "Response":
         """Frequency domain for what is linear, statistical linearisation for what switches or is curved. Raises `InputError` for laws with memory."""
-        controlled = hasattr(damper, "held")
-        if self.method == "frequency" and controlled:
+        law = answers(damper)
+        if self.method == "frequency" and law.decides:
             raise InputError(
                 f"{self.label}: {type(damper).__name__} has no linear law; method='statistical' takes balance logic, 'time' any law"
             )
-        # a law of the user's own may be curved, and its slope at rest says little of it
-        curved = controlled or (memoryless(damper) and not isinstance(damper, (PassiveDamper, EquivalentDamper)))
-        method = ("statistical" if curved else "frequency") if self.method == "auto" else self.method
-        if method == "statistical" and not memoryless(damper):
+        method = ("frequency" if law.linear else "statistical") if self.method == "auto" else self.method
+        if method == "statistical" and not law.memoryless:
             raise InputError(f"{self.label}: {type(damper).__name__} has a memory; tune it with method='time'")
         return dataclasses.replace(self, method=method)
 
@@ -123,7 +121,9 @@ class Response(Forced):
         def of(waves: Any) -> Float[Array, "speeds"]:
             def at(speed: Float[Array, ""]) -> Float[Array, ""]:
                 if self.method == "statistical":
-                    found = statistical_linearisation(vehicle, speed, waves, damper=smooth_damper(damper), record=(self.channel,))
+                    found = statistical_linearisation(
+                        vehicle, speed, waves, damper=with_law(damper, "smooth"), record=(self.channel,)
+                    )
                     rms = jnp.where(found.change < CONVERGED, found.response.rms(self.channel, self.weighting), jnp.nan)
                 else:
                     rms = frequency_response(vehicle, speed, waves, damper=damper, record=(self.channel,)).rms(

@@ -17,7 +17,7 @@ from ..base.compilation import jit as one_kernel
 from ..base.errors import InputError, NumericalError
 from ..base.precision import require_double_precision
 from ..base.units import KMH
-from ..dampers.controlled import BalanceLogic
+from ..dampers.balance_logic import BalanceLogic
 from ..model.damper import Damper, check_damper
 from ..model.motion import PASSIVE
 from ..model.track.shapes import SinusoidTrack, Track

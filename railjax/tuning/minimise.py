@@ -1,4 +1,4 @@
-"""Minimisation in the unit box under constraints g <= 0: SciPy's SLSQP, or any optax transformation within an augmented Lagrangian.
+"""Minimisation in the unit box under constraints g <= 0 by SciPy's SLSQP; `augmented_lagrangian` takes optax's transformations.
 
 Both get values and exact derivatives from one function, `evaluate(x) -> (values, slopes)`: x of shape (starts, parameters), values
 (starts, 1 + constraints) with the objective first, slopes (starts, 1 + constraints, parameters). NaN marks what could not be computed.
@@ -6,10 +6,8 @@ Both get values and exact derivatives from one function, `evaluate(x) -> (values
 
 import contextlib
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -103,7 +101,7 @@ def slsqp(evaluate: Evaluate, start: np.ndarray, tolerance: float, most: int) ->
             constraints=constraints,
             options={"ftol": tolerance, "maxiter": most},
         )
-    return _ended(*at.best, np.array(at.history))
+    return ended(*at.best, np.array(at.history))
 
 
 def _towards_constraints(at: _Counted, start: np.ndarray, most: int) -> np.ndarray:
@@ -133,106 +131,6 @@ def _towards_constraints(at: _Counted, start: np.ndarray, most: int) -> np.ndarr
     return start if at.best is None else at.best[0]
 
 
-def _ended(x: np.ndarray, values: np.ndarray, history: np.ndarray) -> Descent:
+def ended(x: np.ndarray, values: np.ndarray, history: np.ndarray) -> Descent:
     met = len(values) == 1 or np.max(values[1:]) <= 10.0 * MET
     return Descent(x, values, len(history), history, "" if met else "no point that meets the constraints was found")
-
-
-#: rounds of the augmented Lagrangian, first penalty (the objective is about 1), and its growth where a constraint is not met
-ROUNDS, PENALTY, GROWTH = 6, 10.0, 4.0
-#: shortest step of the line search, and the decrease it asks for (Armijo)
-SHORTEST, DECREASE = 2.0**-12, 1e-4
-
-
-def augmented_lagrangian(
-    evaluate: Evaluate, starts: np.ndarray, optimiser: Any, line_search: bool, tolerance: float, most: int
-) -> list[Descent]:
-    """All starts as one batch, each with multipliers and penalty of its own (Powell, Hestenes, Rockafellar).
-
-    L = f + sum (max(0, m + r g)^2 - m^2)/(2 r), minimised over z with x = (1 - cos pi z)/2, so that bounds need no care; after each
-    of at most `ROUNDS` rounds m = max(0, m + r g). `optimiser` is an optax transformation; with `line_search` its steps are
-    halved until L falls. A lane whose step cannot be computed halves it, one whose start cannot is left out.
-    """
-    count = len(starts)
-    z = np.arccos(1.0 - 2.0 * np.clip(starts, 0.01, 0.99)) / np.pi
-    begin, update = jax.jit(jax.vmap(optimiser.init)), jax.jit(jax.vmap(optimiser.update))
-    histories: list[list[np.ndarray]] = [[] for _ in range(count)]
-    best: list[tuple[np.ndarray, np.ndarray] | None] = [None] * count
-
-    def at(z: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x = 0.5 * (1.0 - np.cos(np.pi * z))
-        values, slopes = evaluate(x)
-        for lane in np.flatnonzero(wanted):
-            histories[lane].append(values[lane])
-            finite = np.all(np.isfinite(values[lane])) and np.all(np.isfinite(slopes[lane]))
-            if finite and (best[lane] is None or better(values[lane], best[lane][1])):
-                best[lane] = x[lane].copy(), values[lane].copy()
-        return values, slopes * (0.5 * np.pi * np.sin(np.pi * z))[:, None, :]
-
-    values, slopes = at(z, np.ones(count, bool))
-    alive = np.array([entry is not None for entry in best])
-    multiplier, penalty = np.zeros((count, values.shape[1] - 1)), np.full((count, 1), PENALTY)
-    rounds = ROUNDS if values.shape[1] > 1 else 1
-    for _ in range(rounds):
-        state, going = begin(jnp.asarray(z)), alive.copy()
-        total, gradient = _lagrangian(values, slopes, multiplier, penalty)
-        length, fresh, quiet = np.ones(count), np.ones(count, bool), np.zeros(count, int)
-        moves = np.zeros_like(z)
-        for _ in range(most):
-            if not np.any(going):
-                break
-            if np.any(fresh):
-                safe = np.where(np.isfinite(gradient), gradient, 0.0)
-                new, after = update(jnp.asarray(safe), state, jnp.asarray(z))
-                keep = jnp.asarray(fresh)
-                state = jax.tree.map(
-                    lambda a, b, keep=keep: jnp.where(keep.reshape((-1,) + (1,) * (a.ndim - 1)), a, b), after, state
-                )
-                moves = np.where(fresh[:, None], np.asarray(new), moves)
-                if line_search:
-                    uphill = np.sum(moves * safe, axis=1) >= 0.0
-                    moves = np.where(uphill[:, None], -safe, moves)
-                    # no first step of a lane beyond a quarter of the box
-                    length = np.where(fresh, np.minimum(1.0, 0.25 / np.maximum(np.max(np.abs(moves), axis=1), 1e-12)), length)
-                else:
-                    length = np.where(fresh, 1.0, length)
-            trial = np.where(going[:, None], z + length[:, None] * moves, z)
-            new_values, new_slopes = at(trial, going)
-            new_total, new_gradient = _lagrangian(new_values, new_slopes, multiplier, penalty)
-            fine = np.isfinite(new_total) & np.all(np.isfinite(new_gradient), axis=1)
-            if line_search:
-                fine &= new_total <= total + DECREASE * length * np.sum(moves * gradient, axis=1)
-            taken = going & fine
-            small = np.abs(total - new_total) < tolerance * (1.0 + np.abs(new_total))
-            quiet = np.where(taken, np.where(small, quiet + 1, 0), quiet)
-            z = np.where(taken[:, None], trial, z)
-            values, slopes = np.where(taken[:, None], new_values, values), np.where(taken[:, None, None], new_slopes, slopes)
-            total, gradient = np.where(taken, new_total, total), np.where(taken[:, None], new_gradient, gradient)
-            length, fresh = np.where(taken, 1.0, 0.5 * length), taken
-            going &= (quiet < (1 if line_search else 5)) & (length > SHORTEST)
-        violation = np.maximum(values[:, 1:], -multiplier / penalty)
-        pushed = np.maximum(0.0, multiplier + penalty * values[:, 1:])
-        settled = np.max(np.abs(pushed - multiplier), axis=1, initial=0.0) < 1e-3
-        settled &= np.max(np.maximum(values[:, 1:], 0.0), axis=1, initial=0.0) <= MET
-        multiplier = pushed
-        penalty = np.where(np.max(np.abs(violation), axis=1, initial=0.0)[:, None] > MET, penalty * GROWTH, penalty)
-        alive &= ~settled
-        if not np.any(alive):
-            break
-    found = []
-    for lane in range(count):
-        history = np.array(histories[lane])
-        if best[lane] is None:
-            found.append(Descent(starts[lane], history[0], len(history), history, "the start could not be computed"))
-        else:
-            found.append(_ended(*best[lane], history))
-    return found
-
-
-def _lagrangian(
-    values: np.ndarray, slopes: np.ndarray, multiplier: np.ndarray, penalty: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """L and its gradient, lanes first."""
-    push = np.maximum(0.0, multiplier + penalty * values[:, 1:])
-    total = values[:, 0] + np.sum((push**2 - multiplier**2) / (2.0 * penalty), axis=1)
-    return total, slopes[:, 0] + np.einsum("lc,lcp->lp", push, slopes[:, 1:])

@@ -24,19 +24,17 @@ from ..base.errors import InputError
 from ..base.fields import structure
 from ..base.typing import Number, Scalar
 from ..base.units import KMH
-from ..dampers.controlled import BalanceLogic
-from ..model.damper import Damper
+from ..model.damper import Damper, answers, with_law
 from ..model.motion import state_matrix
 from ..model.vehicle import Vehicle
-from ..ride.statistical import EquivalentDamper, memoryless
 from ..ride.weightings import check_weighting
 from ..simulation.channels import CHANNELS, check_channel
 from ..stability import linear_critical as linear
 from ..stability.hunting import limit_cycles
 from ..stability.hunting import nonlinear_critical as critical
-from ..stability.modes import damping_ratios
+from ..stability.modes import least_damped
 from .forced import response_over
-from .quantity import Quantity, kmh, smooth_damper
+from .quantity import Quantity, kmh
 
 METHODS = ("auto", "frequency", "statistical", "time")
 #: of a Gaussian signal 99.73 % lie within three standard deviations; EN 14363 judges forces by the 99.85 and 0.15 % percentiles
@@ -150,8 +148,7 @@ def linear_critical_speed(highest: Scalar = linear.HIGHEST, harmonic_hz: float |
     """Speed (m/s) at which straight running loses its stability; `highest` (m/s) where it is stable up to there.
 
     Balance logic has no linear law at rest, and its smooth twin's there is an artefact of the rounding. With `harmonic_hz` (the frequency of
-    hunting, Hz) its describing function takes its place, which holds for every amplitude, as the law is homogeneous: for Δy_c = X sin ωt per bogie
-    k = 2 c_min ω/π - α k_cy and c = c_min + 2 α k_cy/(π ω).
+    hunting, Hz) its describing function takes its place (`BalanceLogic.describing`).
     """
     if not (np.isfinite(highest) and highest > linear.LOWEST):
         raise InputError(f"highest must be above {linear.LOWEST:g} m/s, not {highest}")
@@ -189,13 +186,13 @@ def describing(damper: Damper, vehicle: Vehicle, harmonic_hz: float | None) -> D
     Raises:
         InputError: with a frequency, for other controlled dampers.
     """
-    if harmonic_hz is None or not hasattr(damper, "held"):
-        return smooth_damper(damper)
-    if not isinstance(damper, BalanceLogic) or not memoryless(damper) or damper.force_limit is not None:
+    law = answers(damper)
+    if harmonic_hz is None or not law.decides:
+        return with_law(damper, "smooth")
+    found = law.describing(vehicle, 2.0 * np.pi * harmonic_hz)
+    if found is None:
         raise InputError("harmonic_hz is for balance logic without lags and limit")
-    elastic, omega, least = damper.alpha * vehicle.secondary.stiffness_y, 2.0 * np.pi * harmonic_hz, damper.damping_min
-    # the least damping acts in the other two quarters of the cycle, where Δy_c and Δy_c' have the same sign
-    return EquivalentDamper(2.0 * least * omega / np.pi - elastic, least + 2.0 * elastic / (np.pi * omega))
+    return found
 
 
 def least_damping(speed: Scalar) -> Quantity:
@@ -256,7 +253,7 @@ class NonlinearCriticalSpeed(Quantity):
         return "nonlinear critical speed"
 
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "..."]:
-        found = critical.nonlinear_critical(vehicle, damper=smooth_damper(damper), steps=self.steps)
+        found = critical.nonlinear_critical(vehicle, damper=with_law(damper, "smooth"), steps=self.steps)
         return jnp.where(found.code == critical.Hunting.STABLE, linear.HIGHEST, found.speed)
 
     each = value
@@ -278,11 +275,7 @@ class LeastDamping(Quantity):
         return f"least damping at {kmh(self.speed)}"
 
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
-        values = jnp.linalg.eigvals(state_matrix(vehicle, self.speed, smooth_damper(damper)))
-        ratio, size = damping_ratios(values), jnp.abs(values)
-        # a rigid-body mode at rest has no damping ratio
-        moving = size > 1e-9 * jnp.max(size)
-        return ratio[jax.lax.stop_gradient(jnp.argmin(jnp.where(moving, ratio, jnp.inf)))]
+        return least_damped(jnp.linalg.eigvals(state_matrix(vehicle, self.speed, with_law(damper, "smooth")))).ratio
 
 
 @jax.tree_util.register_dataclass
@@ -302,6 +295,6 @@ class LimitCycleAmplitude(Quantity):
         return f"limit-cycle amplitude at {kmh(self.speed)}"
 
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "..."]:
-        return limit_cycles.limit_cycle_amplitude(vehicle, smooth_damper(damper), self.speed, self.steps)
+        return limit_cycles.limit_cycle_amplitude(vehicle, with_law(damper, "smooth"), self.speed, self.steps)
 
     each = value

@@ -126,60 +126,10 @@ def pareto(
     objective, constraints = checked(objective, constraints, damper)
     against, _ = checked(against, (), damper)
     space = DesignSpace.of(vehicle, damper, parameters)
-    start = start_points(space, 1, 0)[0]
-    bound = Constraint(against, 0.0, against.greatest)
-    evaluate, count = Evaluator(space, objective, [bound, *constraints]), 0
-    first = evaluate(start[None])[0][0]
-    own = evaluate.objective_of(first), evaluate.constraint_of(first, 0)
-    if not np.all(np.isfinite(own)):
-        raise NumericalError("pareto: the vehicle itself has no value of both; start from one that has")
-    evaluate.check(start)
-    evaluate.scale = abs(own[0]) or 1.0
-
-    def best(of: Quantity, held: list[Constraint], x: np.ndarray) -> minimise.Descent:
-        nonlocal count
-        alone = Evaluator(space, of, held)
-        alone.scale = evaluate.scale if of is objective else abs(own[1]) or 1.0
-        found = minimise.slsqp(alone, x, tolerance, MOST_STEPS)
-        count += found.evaluations
-        return found
-
-    def end(of: Quantity, starts: list[np.ndarray]) -> minimise.Descent:
-        """The best of either alone may be one of many: from the given starts, and from the most promising of some points."""
-        nonlocal count
-        alone = Evaluator(space, of, constraints)
-        if alone.cheap:
-            alone.scale = evaluate.scale if of is objective else abs(own[1]) or 1.0
-            starts = [*starts, *promising(alone, start)[:1]]
-            count += alone.looked_at
-        return min((best(of, constraints, x) for x in starts), key=lambda found: (bool(found.failure), found.values[0]))
-
-    high = end(against, [start])
-    low = end(objective, [start, high.x])
-    high = min(high, best(against, constraints, low.x), key=lambda found: (bool(found.failure), found.values[0]))
-    ends = [float(evaluate.constraint_of(evaluate(end.x[None])[0][0], 0)) for end in (low, high)]
-    count, failed = count + 3, [bool(low.failure)]
-    found = [low.x]
-    for limit in np.linspace(*ends, points)[1:-1]:
-        held = [dataclasses.replace(bound, limit=float(limit)), *constraints]
-        # on from the two points before
-        start = found[-1] if len(found) == 1 else np.clip(2.0 * found[-1] - found[-2], 0.0, 1.0)
-        point = best(objective, held, start)
-        if point.failure:
-            point = best(objective, held, found[-1])
-        failed.append(bool(point.failure))
-        found.append(point.x)
-    # the best `against` may be had with more than one design: the best objective of these
-    held = [dataclasses.replace(bound, limit=ends[1]), *constraints]
-    last = best(objective, held, high.x)
-    found.append(high.x if last.failure else last.x)
-    failed.append(False)
-    rows = []
-    for x, missed in zip(found, failed, strict=True):
-        values = evaluate(x[None])[0][0]
-        evaluate.check(x)
-        rows.append((evaluate.objective_of(values), evaluate.constraint_of(values, 0), not missed, x))
-    count += len(rows)
+    search = _Search(space, objective, against, constraints, tolerance)
+    low, high = search.ends()
+    found = search.between(low, high, points)
+    rows = [(*search.values(x), not missed, x) for x, missed in found]
     worse = dominated(
         np.array([row[0] for row in rows]), np.array([row[1] for row in rows]), objective.greatest, against.greatest
     )
@@ -195,12 +145,85 @@ def pareto(
         np.array([row[1] for row in rows]),
         dict(zip(space.names, values.T, strict=True)),
         np.array([row[2] for row in rows]),
-        own,
-        count,
+        search.own,
+        search.count,
         time.perf_counter() - began,
         vehicle.name,
         notes,
     )
+
+
+class _Search:
+    """The descents that make a front, from the vehicle itself on, and how many evaluations they took."""
+
+    def __init__(
+        self, space: DesignSpace, objective: Quantity, against: Quantity, constraints: list[Constraint], tolerance: float
+    ) -> None:
+        self.space, self.objective, self.against, self.constraints = space, objective, against, constraints
+        self.tolerance, self.start = tolerance, start_points(space, 1, 0)[0]
+        self.bound = Constraint(against, 0.0, against.greatest)
+        self.both, self.count = Evaluator(space, objective, [self.bound, *constraints]), 0
+        self.own = self.values(self.start)
+        if not np.all(np.isfinite(self.own)):
+            raise NumericalError("pareto: the vehicle itself has no value of both; start from one that has")
+        self.scales = tuple(abs(value) or 1.0 for value in self.own)
+        self.both.scale = self.scales[0]
+
+    def values(self, x: np.ndarray) -> tuple[float, float]:
+        """Objective and `against` at a design, SI, checked."""
+        self.count += 1
+        values = self.both(x[None])[0][0]
+        found = self.both.objective_of(values), self.both.constraint_of(values, 0)
+        if np.all(np.isfinite(found)):
+            self.both.check(x)
+        return found
+
+    def alone(self, of: Quantity, held: list[Constraint]) -> Evaluator:
+        """Of one of the two quantities."""
+        evaluate = Evaluator(self.space, of, held)
+        evaluate.scale = self.scales[0 if of is self.objective else 1]
+        return evaluate
+
+    def best(self, of: Quantity, held: list[Constraint], x: np.ndarray) -> minimise.Descent:
+        """From a start."""
+        found = minimise.slsqp(self.alone(of, held), x, self.tolerance, MOST_STEPS)
+        self.count += found.evaluations
+        return found
+
+    def end(self, of: Quantity, starts: list[np.ndarray]) -> minimise.Descent:
+        """The best of either alone may be one of many: from the given starts, and from the most promising of some points."""
+        evaluate = self.alone(of, self.constraints)
+        if evaluate.cheap:
+            starts = [*starts, *promising(evaluate, self.start)[:1]]
+            self.count += evaluate.looked_at
+        return min((self.best(of, self.constraints, x) for x in starts), key=_merit)
+
+    def ends(self) -> tuple[minimise.Descent, minimise.Descent]:
+        """The best objective, and the best of what it is held against."""
+        high = self.end(self.against, [self.start])
+        low = self.end(self.objective, [self.start, high.x])
+        return low, min(high, self.best(self.against, self.constraints, low.x), key=_merit)
+
+    def between(self, low: minimise.Descent, high: minimise.Descent, points: int) -> list[tuple[np.ndarray, bool]]:
+        """Designs from one end to the other, `points` in number, and which missed their constraints."""
+        limits = [self.values(end.x)[1] for end in (low, high)]
+        found = [(low.x, bool(low.failure))]
+        for limit in np.linspace(*limits, points)[1:-1]:
+            held = [dataclasses.replace(self.bound, limit=float(limit)), *self.constraints]
+            before = [x for x, _ in found[-2:]]
+            # on from the two points before
+            point = self.best(self.objective, held, np.clip(2.0 * before[-1] - before[0], 0.0, 1.0))
+            if point.failure:
+                point = self.best(self.objective, held, before[-1])
+            found.append((point.x, bool(point.failure)))
+        # the best `against` may be had with more than one design: the best objective of these
+        held = [dataclasses.replace(self.bound, limit=limits[1]), *self.constraints]
+        last = self.best(self.objective, held, high.x)
+        return [*found, (high.x if last.failure else last.x, False)]
+
+
+def _merit(found: minimise.Descent) -> tuple[bool, float]:
+    return bool(found.failure), float(found.values[0])
 
 
 def dominated(

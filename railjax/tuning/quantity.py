@@ -17,7 +17,7 @@ from ..base.batches import Batch
 from ..base.checks import Kind
 from ..base.errors import InputError
 from ..base.units import KMH
-from ..model.damper import Damper
+from ..model.damper import Damper, with_law
 from ..model.vehicle import Vehicle
 
 #: a vehicle and what takes the place of rho_cy
@@ -117,19 +117,14 @@ def smoothed_laws(vehicle: Vehicle, damper: Damper) -> Trees:
     """Both with their sharp laws replaced by the smooth twins."""
     if vehicle.contact.law == "sharp":
         vehicle = dataclasses.replace(vehicle, contact=dataclasses.replace(vehicle.contact, law="smooth"))
-    return vehicle, smooth_damper(damper)
-
-
-def smooth_damper(damper: Damper) -> Damper:
-    """The damper with the smooth twin of its law, if it has one."""
-    return dataclasses.replace(damper, law="smooth") if getattr(damper, "law", None) == "sharp" else damper
+    return vehicle, with_law(damper, "smooth")
 
 
 def sharp_laws(vehicle: Vehicle, damper: Damper) -> Trees:
     """Both with the laws that reports are made with."""
     if vehicle.contact.law == "smooth":
         vehicle = dataclasses.replace(vehicle, contact=dataclasses.replace(vehicle.contact, law="sharp"))
-    return vehicle, (dataclasses.replace(damper, law="sharp") if getattr(damper, "law", None) == "smooth" else damper)
+    return vehicle, with_law(damper, "sharp")
 
 
 def kmh(speeds: Any) -> str:

@@ -18,6 +18,7 @@ from ..model.motion import PASSIVE
 from ..model.parameters import parameters as parameters_of
 from ..model.vehicle import Vehicle
 from . import minimise
+from .augmented_lagrangian import augmented_lagrangian
 from .derivatives import differentiated_to_the_end
 from .design_space import OF_DAMPER, DesignSpace
 from .minimise import Descent
@@ -108,8 +109,8 @@ def tune(
         damper: what takes the place of rho_cy; by default the vehicle's own.
         starts: number of starts; the first is the vehicle itself, the others are drawn by a Sobol sequence.
         seed: of that sequence, a whole number from 0 on.
-        optimiser: "slsqp" (SciPy's; the default for one start), "lbfgs" (optax's in an augmented Lagrangian; the default for
-            several, all as one batch), "adam", or any optax transformation.
+        optimiser: "slsqp" (SciPy's, the default: one start after another), "lbfgs" (optax's in an augmented Lagrangian, all
+            starts as one batch), "adam", or any optax transformation.
         tolerance: relative change of the objective that ends a descent, dimensionless; by default 1e-6.
         most_steps: number of steps that ends a descent (of a round of the augmented Lagrangian); by default 200.
         tighten: where the sharp laws do not meet a constraint, whether the smooth computation's limit is moved by the difference
@@ -134,7 +135,7 @@ def tune(
     check_damper(damper)
     objective, constraints = checked(objective, constraints, damper)
     space = DesignSpace.of(vehicle, damper, parameters)
-    name, run = _engine(optimiser, starts, tolerance, most_steps)
+    name, run = _engine(optimiser, tolerance, most_steps)
     points = start_points(space, starts, seed)
     evaluate = Evaluator(space, objective, constraints)
     first = evaluate.objective_of(evaluate(points)[0][0])
@@ -226,11 +227,9 @@ def promising(
     return [points[k] for k in sorted(computed, key=merit)]
 
 
-def _engine(optimiser: Any, starts: int, tolerance: float, most: int) -> tuple[str, Any]:
+def _engine(optimiser: Any, tolerance: float, most: int) -> tuple[str, Any]:
     """The optimiser's name, and a function of the evaluator and the starts."""
-    if optimiser is None:
-        optimiser = "slsqp" if starts == 1 else "lbfgs"
-    if optimiser == "slsqp":
+    if optimiser in (None, "slsqp"):
         return "SLSQP", lambda evaluate, points: [minimise.slsqp(evaluate, point, tolerance, most) for point in points]
     import optax
 
@@ -244,7 +243,7 @@ def _engine(optimiser: Any, starts: int, tolerance: float, most: int) -> tuple[s
         raise InputError(f"optimiser {optimiser!r} is no optax transformation: it has no init and update")
     else:
         name, rule, search = "optax, augmented Lagrangian", optimiser, False
-    return name, lambda evaluate, points: minimise.augmented_lagrangian(evaluate, points, rule, search, tolerance, most)
+    return name, lambda evaluate, points: augmented_lagrangian(evaluate, points, rule, search, tolerance, most)
 
 
 def _best(descents: list[Descent]) -> int | None:

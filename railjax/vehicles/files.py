@@ -18,12 +18,14 @@ import jax
 import numpy as np
 
 from ..base.arguments import guarded
+from ..base.checks import shown
 from ..base.errors import InputError, collecting, nearest
+from ..base.fields import given_number, given_value, keys_by_unit
 from ..base.units import keys_of
 from ..model.consistency import bump_stop_table, consistent
 from ..model.contact import kalker
 from ..model.vehicle import OPTIONAL, PARTS, Provenance, Vehicle
-from .values import Table, converted, hertz, number, shown, structure
+from .values import Table, hertz, structure
 
 #: keys of a file beside the tables of parameters
 TOP = {
@@ -169,7 +171,7 @@ def _check_provenance(parameter: str, entry: Any, where: str) -> None:
         if key not in PROVENANCE:
             raise InputError(f"{name}: unknown key {key!r}{nearest(key, PROVENANCE)}")
     if "value" in entry:
-        number(entry["value"], f"{name}.value")
+        given_number(entry["value"], f"{name}.value")
     if not isinstance(entry.get("note", ""), str):
         raise InputError(f"{name}.note must be a string, not {shown(entry['note'])}")
 
@@ -190,19 +192,16 @@ def _convert_part(part: str, table: Table, where: str) -> Table:
 
 def _convert_value(part: str, key: str, value: Any, values: Table, where: str) -> None:
     """Put one key's value into `values`, by its field and in SI."""
-    accepted: dict[str, tuple[dataclasses.Field, float]] = {}
-    for field in dataclasses.fields(PARTS[part]):
-        if "unit" in field.metadata:
-            accepted |= {key: (field, factor) for key, factor in keys_of(field.name, field.metadata["unit"]).items()}
+    accepted = keys_by_unit(PARTS[part])
     others = {f.name: f for f in dataclasses.fields(PARTS[part]) if f.metadata.get("static")}
     name = f"{where}: {part}.{key}"
     if key in accepted:
         field, factor = accepted[key]
         if field.name in values:
             raise InputError(f"{name}: {field.name} is given twice, in two units; keep one")
-        values[field.name] = converted(value, factor, field, name)
+        values[field.name] = given_value(value, factor, field, name)
     elif key in others:
-        values[key] = structure(key, value, name)
+        values[key] = structure(others[key], value, name)
     elif part == "contact" and key == "hertz":
         values[key] = hertz(value, name)
     else:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..base.arguments import guarded
 from ..base.units import SUFFIXES, handy
+from ..model.consistency import a_vehicle
 from ..model.vehicle import PARTS, Vehicle
 from .values import HERTZ_KEYS
 
@@ -28,7 +29,7 @@ parameter has it, so one that you change above loses its mark; write another if 
 HERTZ = "Instead of the four creep coefficients, from the contact ellipse of this wheel load:"
 
 
-@guarded()
+@guarded(vehicle=a_vehicle)
 def vehicle_toml(vehicle: Vehicle, *, name: str = "", source: str = "") -> str:
     """The text of a vehicle file with every key, commented; `load_vehicle` makes the same vehicle of it.
 

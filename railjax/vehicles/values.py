@@ -6,63 +6,27 @@ import dataclasses
 import math
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
-
 from ..base.checks import shown
 from ..base.errors import InputError, nearest
-from ..model.consistency import a_law
+from ..base.fields import a_choice, given_number
 
 Table = dict[str, Any]
 
 
-def number(value: Any, name: str) -> float:
-    """A finite float, or an `InputError` that names the key."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise InputError(f"{name} must be a number, not {shown(value)}")
-    try:
-        given = float(value)
-    except OverflowError:
-        given = math.inf
-    if not math.isfinite(given):
-        raise InputError(f"{name} must be finite, not {shown(value)}")
-    return given
-
-
-def converted(value: Any, factor: float, field: dataclasses.Field, name: str) -> float | Float[np.ndarray, "points"]:
-    """In SI, with the sign and the range that the field wants; a list for a field that is a table."""
-    if "axes" in field.metadata:
-        if not isinstance(value, list) or not value:
-            raise InputError(f"{name} must be a list of numbers, like [20, 30, 40], not {shown(value)}")
-        return np.array([_in_range(number(entry, name), factor, field, name) for entry in value])
-    return _in_range(number(value, name), factor, field, name)
-
-
-def _in_range(given: float, factor: float, field: dataclasses.Field, name: str) -> float:
-    result, meaning = given * factor, field.metadata["meaning"]
-    if field.metadata["positive"] and result <= 0.0:
-        raise InputError(f"{name} must be positive, not {given:g}; it is the {meaning}")
-    if result < 0.0 and not field.metadata["signed"]:
-        raise InputError(f"{name} must not be negative ({given:g}); it is the {meaning}")
-    if not math.isfinite(result):
-        raise InputError(f"{name} is too large ({given:g}); it is the {meaning}")
-    return result
-
-
-def structure(key: str, value: Any, name: str) -> Any:
+def structure(entry: dataclasses.Field, value: Any, name: str) -> Any:
     """A value that is no number: a pattern of positions, whether a body is held, the contact law."""
-    if key.endswith("_pattern"):
+    if isinstance(entry.default, tuple):
         if not isinstance(value, list) or not value:
             raise InputError(f"{name} must be a list of positions from front to rear, like [1, -1]")
-        pattern = tuple(number(entry, name) for entry in value)
+        pattern = tuple(given_number(position, name) for position in value)
         if list(pattern) != sorted(pattern, reverse=True) or len(set(pattern)) != len(pattern):
             raise InputError(f"{name} must fall from front to rear, like [1, -1], not {shown(value)}")
         return pattern
-    if key == "held":
+    if isinstance(entry.default, bool):
         if not isinstance(value, bool):
             raise InputError(f"{name} must be true or false, not {shown(value)}")
         return value
-    a_law(name, value)
+    a_choice(name, value, entry.metadata["one_of"])
     return value
 
 
@@ -82,7 +46,7 @@ def hertz(table: Any, name: str) -> Table:
     for key, value in table.items():
         if key not in HERTZ_KEYS:
             raise InputError(f"{name}: unknown key {key!r}{nearest(key, HERTZ_KEYS)}")
-        given = number(value, f"{name}.{key}") * (1e9 if key.endswith("GPa") else 1.0)
+        given = given_number(value, f"{name}.{key}") * (1e9 if key.endswith("GPa") else 1.0)
         if HERTZ_KEYS[key] == "poisson":
             if not 0.0 <= given <= 0.5:
                 raise InputError(f"{name}.{key} must lie between 0 and 0.5, not {given:g}")

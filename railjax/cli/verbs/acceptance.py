@@ -6,7 +6,9 @@ from typing import Annotated
 import typer
 
 from ...base.errors import InputError, NumericalError
+from ...dampers.named import DESIGNED
 from ..common import (
+    OTHER_TRACKS,
     TRACKS,
     Alpha,
     AsJson,
@@ -39,7 +41,7 @@ def acceptance(
     track: Annotated[
         str | None,
         typer.Option(
-            help=f"A random track, {TRACKS} (erri-high if not given); or the file of a measured one, or of a spectrum.",
+            help=f"A random track, {TRACKS} (erri-high if not given); or {OTHER_TRACKS}.",
             autocompletion=complete_track,
         ),
     ] = None,
@@ -118,7 +120,7 @@ def acceptance(
             hunting_frequency=hunting_frequency_hz,
         )
         show(
-            {**found.to_dict(), "file": vehicle, "read": list(notes)},
+            {**found.as_dict(), "file": vehicle, "read": list(notes)},
             [str(found), *[f"note: {note}" for note in notes]],
             as_json,
             out,
@@ -132,8 +134,8 @@ def acceptance(
     every = math.floor(1.0 / (SAMPLING * dt_s) + 1e-9)
     if every < 1:
         raise InputError(f"--dt-s must be {1.0 / SAMPLING:g} or less, for a sampling rate of {SAMPLING:g} Hz")
-    if damper == "clipped-lqr" and len(speed_kmh) > 1:
-        raise InputError("--damper clipped-lqr is designed for one speed; give --speed-kmh once")
+    if damper in DESIGNED and len(speed_kmh) > 1:
+        raise InputError(f"--damper {damper} is designed for one speed; give --speed-kmh once")
     loaded = load(vehicle)
     speeds = [speed / KMH for speed in speed_kmh]
     law = chosen_damper(damper, loaded, speeds[0], alpha)
@@ -175,6 +177,6 @@ def acceptance(
     found = assess(
         loaded, run, prudhomme_factor=prudhomme_factor, section_length=section_m, hunting_frequency=hunting_frequency_hz
     )
-    content = {**found.to_dict(), "track": str(line).splitlines()[0], "damper": damper, "calibrated": calibrated(loaded)}
+    content = {**found.as_dict(), "track": str(line).splitlines()[0], "damper": damper, "calibrated": calibrated(loaded)}
     place = f"track: {content['track']}; damper: {damper}"
     show(content, [str(found), place, *[f"calibrated, not predicted: {entry}" for entry in content["calibrated"]]], as_json, out)

@@ -85,58 +85,52 @@ def animate(
     loaded = load(vehicle)
     speed = speed_kmh / KMH
     law = chosen_damper(damper, loaded, speed, alpha)
-    content: dict[str, Any] = {"vehicle": loaded.name, "speed_kmh": speed_kmh, "damper": damper}
-    options: dict[str, Any] = {}
+    title = f"{loaded.name} at {speed_kmh:.1f} km/h"
     if mode is not None:
-        motion = _mode(loaded, speed, law, mode)
-        options = {"mode": mode - 1}
-        content |= {"shown": "mode", "mode": motion.names[mode - 1], "frequency_hz": float(motion.frequency[mode - 1])}
+        motion, options, shown = _mode(loaded, speed, law, mode)
     elif limit_cycle:
-        from ... import hunting_branch
-
-        motion = hunting_branch(loaded, highest_speed=_beyond(loaded, speed)).at(speed)
-        content |= {"shown": "limit cycle", "amplitude_mm": 1e3 * motion.amplitude, "frequency_hz": motion.frequency}
+        motion, options, shown = _limit_cycle(loaded, speed)
         if damper != "passive":
             motion = _taken_over(loaded, motion, law, duration_s)
             begin = 0.0 if start_s is None else start_s
-            title = f"{loaded.name} at {speed_kmh:.1f} km/h, from its passive limit cycle with {damper}"
-            options = {"start": begin, "stop": min(begin + LAST, duration_s) if stop_s is None else stop_s, "title": title}
-            content["shown"] = "run from the limit cycle"
+            options = {"start": begin, "stop": min(begin + LAST, duration_s) if stop_s is None else stop_s}
+            options["title"] = f"{title}, from its passive limit cycle with {damper}"
+            shown["shown"] = "run from the limit cycle"
     else:
-        motion, assumed = _run(
-            loaded, speed, law, tracked, (track, track_seed, amplitude_mm, wavelength_m, how), displaced_mm, duration_s
-        )
-        title = f"{loaded.name} at {speed_kmh:.1f} km/h, {f'{damper} damper' if damper == 'passive' else damper}"
-        options = {"start": start_s, "stop": stop_s, "title": title}
-        content |= {"shown": "run", "assumed": assumed}
+        line, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, file=how) if tracked else (None, [])
+        displaced = (0.0 if tracked else 5.0) if displaced_mm is None else displaced_mm
+        motion, shown = _run(loaded, speed, law, line, displaced, duration_s), {"shown": "run", "assumed": assumed}
+        options = {"start": start_s, "stop": stop_s, "title": f"{title}, {'passive damper' if damper == 'passive' else damper}"}
     with _bar() as progress:
         made = film(loaded, motion, out, slow=slow, magnified=magnified, progress=progress, **options)
     fitted = calibrated(loaded)
-    content |= {
-        "out": str(made.path),
-        "frames": made.frames,
-        "magnified": made.magnified,
-        "slow": made.slow,
-        "calibrated": fitted,
-    }
+    content = {"vehicle": loaded.name, "speed_kmh": speed_kmh, "damper": damper, **shown, "out": str(made.path)}
+    content |= {"frames": made.frames, "magnified": made.magnified, "slow": made.slow, "calibrated": fitted}
     show(content, [str(made), *[f"calibrated, not predicted: {entry}" for entry in fitted]], as_json)
 
 
-def _mode(vehicle: Any, speed: float, damper: Any, mode: int) -> Any:
+#: what is filmed, the film's options, and what is said of it
+Shown = tuple[Any, dict[str, Any], dict[str, Any]]
+
+
+def _mode(vehicle: Any, speed: float, damper: Any, mode: int) -> Shown:
     from ... import modes
 
     found = modes(vehicle, speed, damper)
     if not 1 <= mode <= len(found.names):
         raise InputError(f"--mode must lie between 1 and {len(found.names)} (see 'railjax modes'), not {mode}")
-    return found
+    told = {"shown": "mode", "mode": found.names[mode - 1], "frequency_hz": float(found.frequency[mode - 1])}
+    return found, {"mode": mode - 1}, told
 
 
-def _beyond(vehicle: Any, speed: float) -> float | None:
-    """How far to follow the branch so that it holds the speed."""
-    from ... import linear_critical_speed
+def _limit_cycle(vehicle: Any, speed: float) -> Shown:
+    """Of the passive vehicle; its branch is followed so far that it holds the speed."""
+    from ... import hunting_branch, linear_critical_speed
     from ...stability.hunting.branch import HIGHEST
 
-    return 1.02 * speed if speed > HIGHEST * float(linear_critical_speed(vehicle)) else None
+    highest = 1.02 * speed if speed > HIGHEST * float(linear_critical_speed(vehicle)) else None
+    found = hunting_branch(vehicle, highest_speed=highest).at(speed)
+    return found, {}, {"shown": "limit cycle", "amplitude_mm": 1e3 * found.amplitude, "frequency_hz": found.frequency}
 
 
 def _taken_over(vehicle: Any, cycle: Any, damper: Any, duration: float) -> Any:
@@ -153,18 +147,12 @@ def _taken_over(vehicle: Any, cycle: Any, damper: Any, duration: float) -> Any:
     return simulate(vehicle, cycle.speed, damper=damper, duration=duration, initial=start, record=record, sample=5e-3)
 
 
-def _run(
-    vehicle: Any, speed: float, damper: Any, tracked: list[str], options: tuple, displaced: float | None, duration: float
-) -> tuple[Any, list[str]]:
+def _run(vehicle: Any, speed: float, damper: Any, track: Any, displaced: float, duration: float) -> Any:
+    """A run from the wheelsets `displaced` by some mm."""
     from ... import animation_channels, simulate
 
-    name, seed, amplitude, wavelength, how = options
-    line, assumed = make_track(name, seed, amplitude, wavelength, file=how) if tracked else (None, [])
-    start = (0.0 if tracked else 5.0) if displaced is None else displaced
-    record = animation_channels(vehicle)
-    initial = {"wheelset_y": 1e-3 * start}
-    run = simulate(vehicle, speed, track=line, damper=damper, duration=duration, initial=initial, record=record, sample=5e-3)
-    return run, assumed
+    record, initial = animation_channels(vehicle), {"wheelset_y": 1e-3 * displaced}
+    return simulate(vehicle, speed, track=track, damper=damper, duration=duration, initial=initial, record=record, sample=5e-3)
 
 
 def _bar() -> Any:

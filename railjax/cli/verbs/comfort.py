@@ -7,6 +7,7 @@ import typer
 
 from ...base.errors import InputError, NumericalError
 from ..common import (
+    OTHER_TRACKS,
     TRACKS,
     Alpha,
     AsJson,
@@ -67,7 +68,7 @@ def comfort(
     track: Annotated[
         str | None,
         typer.Option(
-            help=f"Its track, {TRACKS} (erri-high if nothing else is given); or the file of a measured one, or of a spectrum.",
+            help=f"Its track, {TRACKS} (erri-high if nothing else is given); or {OTHER_TRACKS}.",
             autocompletion=complete_track,
         ),
     ] = None,

@@ -71,8 +71,8 @@ def damper_design(
     design = design_hybrid(damper, pilot, device, fluid, requirements=requirements)
     given, computed = inputs(design), quantities(design)
     content = {
-        "inputs": [q.to_json() for q in given],
-        "quantities": [q.to_json() for q in computed],
+        "inputs": [q.as_dict() for q in given],
+        "quantities": [q.as_dict() for q in computed],
         "design": {
             "gap_mm": design.designed.device.gap * 1e3,
             "pole_width_mm": design.designed.device.pole_width * 1e3,
@@ -180,4 +180,4 @@ def damper_identify(
             seed=seed,
         )
     drawn = as_picture(lambda axes: found.plot(axes[0, 0], residual=axes[1, 0]), rows=2, height=2.7)
-    show(found.to_json(), [str(found)], as_json, out, drawn)
+    show(found.as_dict(), [str(found)], as_json, out, drawn)

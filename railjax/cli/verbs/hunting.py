@@ -1,7 +1,7 @@
 """`railjax hunting`: the bifurcation diagram on the command line."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -41,51 +41,18 @@ def hunting(
         with working(f"slow ramp of {loaded.name}"):
             top = branch.speed.max() if isolated else 1.05 * float(branch.hopf.speed)
             slow = speed_ramp(loaded, 0.98 * branch.speed.min(), float(top), wheelset=index)
-    fold = branch.fold
     fitted = calibrated(loaded)
-    content = {
-        "vehicle": loaded.name,
-        "hopf_kmh": None if isolated else float(branch.hopf.speed) * KMH,
-        "hopf_frequency_hz": None if isolated else float(branch.hopf.frequency),
-        "criticality": branch.criticality,
-        "slope_at_hopf_kmh_per_mm": None if isolated else branch.slope_at_hopf * KMH * 1e-3,
-        "lyapunov_per_s": branch.lyapunov,
-        "fold_kmh": None if fold is None else fold.speed * KMH,
-        "fold_amplitude_mm": None if fold is None else fold.amplitude * 1e3,
-        "fold_frequency_hz": None if fold is None else fold.frequency,
-        "folds": [_point(point) for point in branch.folds],
-        "events": [
-            {"kind": kind, "speed_kmh": speed * KMH, "amplitude_mm": amplitude * 1e3} for kind, speed, amplitude in branch.events
-        ],
-        "wheelset": branch.wheelset + 1,
-        "branch": [{**_point(point), "piece": k} for k, piece in enumerate(branch.pieces) for point in piece],
-        "largest_trivial_multiplier_error": max(point.floquet.error for point in branch.points),
-        "calibrated": fitted,
-        "note": branch.note,
-    }
+    content = {**branch.as_dict(), "calibrated": fitted}
     lines = [str(branch)]
     if slow is not None:
-        content["ramp"] = {"stops_kmh": slow.stops * KMH, "starts_kmh": slow.starts * KMH, "rate_m_per_s2": slow.rate}
+        content["ramp"] = slow.as_dict()
         lines.append(str(slow))
-    if fold is None:
+    if branch.fold is None:
         lines.append(
             "no fold: limit cycles leave the Hopf point towards higher speeds, so it is the nonlinear critical speed as well"
         )
     lines += [f"calibrated, not predicted: {entry}" for entry in fitted]
     forms = as_picture(lambda axes: branch.plot(axes[0, 0], slow), height=4.4) | as_table(
-        [_point(point) for point in branch.points]
+        [point.as_dict() for point in branch.points]
     )
     show(content, lines, as_json, out, forms)
-
-
-def _point(point: Any) -> dict[str, Any]:
-    from ...base.units import KMH
-
-    return {
-        "speed_kmh": point.speed * KMH,
-        "amplitude_mm": point.amplitude * 1e3,
-        "frequency_hz": point.frequency,
-        "stable": point.stable,
-        "largest_multiplier": point.floquet.largest,
-        "trivial_multiplier_error": point.floquet.error,
-    }

@@ -6,7 +6,20 @@ from typing import Annotated, Any
 import typer
 
 from ...base.errors import InputError, NumericalError
-from ..common import TRACKS, Alpha, AsJson, DamperName, TrackSeed, VehicleName, complete_track, finite, load, show, working
+from ..common import (
+    OTHER_TRACKS,
+    TRACKS,
+    Alpha,
+    AsJson,
+    DamperName,
+    TrackSeed,
+    VehicleName,
+    complete_track,
+    finite,
+    load,
+    show,
+    working,
+)
 from ..files import BridgeM, ChordM, Columns, LongestM, ShortestM, Units, track_file
 from ..inputs import chosen_damper, make_track
 from ..out import PICTURES, TABLE, as_picture, check_out, out_option
@@ -25,7 +38,7 @@ def simulate(
     track: Annotated[
         str | None,
         typer.Option(
-            help=f"Instead: a random track, {TRACKS}; or the file of a measured one, or of a spectrum.",
+            help=f"Instead: a random track, {TRACKS}; or {OTHER_TRACKS}.",
             autocompletion=complete_track,
         ),
     ] = None,

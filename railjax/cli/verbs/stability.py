@@ -28,27 +28,7 @@ def modes(
     check_out(out, TABLE, *PICTURES)
     loaded = load(vehicle)
     found = compute(loaded, speed_kmh / KMH)
-    content = {
-        "vehicle": vehicle,
-        "speed_kmh": speed_kmh,
-        "modes": [
-            {
-                "name": name,
-                "frequency_hz": float(f),
-                "damping_ratio": float(z),
-                "growth_per_s": float(value.real),
-                "condition": float(c),
-            }
-            for name, f, z, value, c in zip(
-                found.names,
-                found.frequency,
-                found.damping_ratio,
-                found.eigenvalues,
-                found.condition,
-                strict=True,
-            )
-        ],
-    }
+    content = {"vehicle": vehicle, **found.as_dict(), "speed_kmh": speed_kmh}
     forms = as_table(content["modes"]) | as_picture(lambda axes: _damping(axes[0, 0], loaded, speed_kmh, {}), height=4.4)
     show(content, [str(found)], as_json, out, forms)
 
@@ -64,6 +44,7 @@ def critical_speed(
     Example: railjax critical-speed coach --nonlinear --json
     """
     from ...base.units import KMH
+    from ...stability.hunting.nonlinear_critical import nonlinear_critical, refuse, told
     from ...stability.linear_critical import HIGHEST, Stability, linear_critical, linear_critical_speed
     from ...stability.modes import modes as compute
 
@@ -75,7 +56,12 @@ def critical_speed(
     speed = HIGHEST if stable and nonlinear else float(linear_critical_speed(loaded))
     critical = compute(loaded, speed)
     fitted = calibrated(loaded)
-    found, described = _nonlinear(loaded) if nonlinear else ({}, [])
+    found, described = {}, []
+    if nonlinear:
+        with working(f"fold of the limit cycles of {loaded.name}"):
+            fold = nonlinear_critical(loaded)
+        refuse(fold.code)
+        found, described = fold.as_dict(), [told(fold, loaded)]
     content = {
         "vehicle": loaded.name,
         "linear_kmh": None if stable else speed * KMH,
@@ -107,31 +93,3 @@ def _damping(axes: Any, vehicle: Any, highest_kmh: float, marks: dict[str, float
     from ...stability.modes import root_locus
 
     root_locus(vehicle, np.linspace(0.2, 1.0, 45) * highest_kmh / KMH).plot(axes, marks=marks)
-
-
-def _nonlinear(vehicle: Any) -> tuple[dict[str, Any], list[str]]:
-    """Keys and lines of the nonlinear critical speed; without a fold it is the linear one, and amplitude and frequency null."""
-    from math import isfinite
-
-    from ...base.units import KMH
-    from ...stability.hunting.nonlinear_critical import Hunting, default_wheelset, nonlinear_critical, refuse
-
-    with working(f"fold of the limit cycles of {vehicle.name}"):
-        found = nonlinear_critical(vehicle)
-    refuse(found.code)
-    folded = int(found.code) == Hunting.OK
-    content = {
-        "nonlinear_kmh": float(found.speed) * KMH,
-        "fold_amplitude_mm": float(found.amplitude) * 1e3 if folded else None,
-        "fold_frequency_hz": float(found.frequency) if folded else None,
-        "criticality": ("subcritical" if isfinite(found.linear.speed) else "isolated") if folded else "supercritical",
-    }
-    if not folded:
-        return content, [
-            "no fold: limit cycles leave the linear critical speed upwards (supercritical), so it is the nonlinear one"
-        ]
-    place = f"wheelset {default_wheelset(vehicle, None) + 1} from the front"
-    return content, [
-        f"nonlinear critical speed {content['nonlinear_kmh']:.2f} km/h: fold of the limit cycles at "
-        f"{content['fold_amplitude_mm']:.3f} mm ({place}), {content['fold_frequency_hz']:.3f} Hz"
-    ]

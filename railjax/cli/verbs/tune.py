@@ -3,29 +3,21 @@
 import difflib
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ...base.errors import InputError
+from ...base.units import KMH
+from ...tuning.named import OBJECTIVES
 from ..common import Alpha, AsJson, DamperName, TrackName, VehicleName, completing, finite, load, show, working
 from ..inputs import chosen_damper
 from ..out import PICTURES, as_picture, check_out, out_option
 
 if TYPE_CHECKING:
+    from ...model.damper import Damper
     from ...model.vehicle import Vehicle
     from ...tuning.quantity import Constraint, Quantity
-
-#: what can be an objective or a constraint, and from its unit on the command line to SI
-NAMES = {
-    "comfort": 1.0,
-    "travel-mm": 1e-3,
-    "guiding-force-kN": 1e3,
-    "critical-speed": 1.0 / 3.6,
-    "nonlinear-critical-speed": 1.0 / 3.6,
-    "least-damping": 0.01,
-    "limit-cycle-mm": 1e-3,
-}
 
 
 def tune(
@@ -37,7 +29,7 @@ def tune(
         ),
     ],
     objective: Annotated[
-        str, typer.Option(help=f"One of {', '.join(NAMES)}.", autocompletion=completing(lambda: NAMES))
+        str, typer.Option(help=f"One of {', '.join(OBJECTIVES)}.", autocompletion=completing(lambda: OBJECTIVES))
     ] = "comfort",
     speed_kmh: Annotated[list[float] | None, typer.Option(help="Speed in km/h (may be repeated); 200 if not given.")] = None,
     track: TrackName = "erri-high",
@@ -71,8 +63,8 @@ def tune(
     loaded = load(vehicle)
     from ... import tune as run
 
-    law = chosen_damper(damper, loaded, max(speeds) / 3.6, alpha)
-    bounds = dict(_parameter(loaded, text) for text in parameter)
+    law = chosen_damper(damper, loaded, max(speeds) / KMH, alpha)
+    bounds = dict(_parameter(loaded, law, text) for text in parameter)
     if len(bounds) < len(parameter):
         raise InputError("--parameter: each may be given once")
     wanted = [_constraint(text, speeds, track) for text in constraint or ()]
@@ -99,9 +91,9 @@ def tune(
     show(content, [str(found)], as_json, out, as_picture(lambda axes: found.plot(axes[0, 0])))
 
 
-def _parameter(vehicle: "Vehicle", text: str) -> tuple[str, tuple[float, float]]:
-    """Dotted name and bounds in SI of "primary.stiffness_x_MN_per_m=1:20"."""
-    from ...base.units import keys_of
+def _parameter(vehicle: "Vehicle", damper: "Damper", text: str) -> tuple[str, tuple[float, float]]:
+    """Dotted name and bounds in SI of "primary.stiffness_x_MN_per_m=1:20"; a damper's numbers may leave out their SI units."""
+    from ...base.fields import is_number, keys_by_unit
     from ...model.parameters import parameters
 
     name, equals, bounds = (piece.strip() for piece in text.partition("="))
@@ -112,13 +104,16 @@ def _parameter(vehicle: "Vehicle", text: str) -> tuple[str, tuple[float, float]]
         raise InputError(f"--parameter {text!r}: write name=low:high, like secondary.stiffness_y_kN_per_m=50:400") from None
     if not equals:
         raise InputError(f"--parameter {text!r}: write name=low:high, like secondary.stiffness_y_kN_per_m=50:400")
-    if name.startswith("damper."):
-        return name, (low, high)
+    there = [path for path, _ in parameters(vehicle)]
     known = {
-        f"{path.split('.')[0]}.{key}": (path, factor)
-        for path, entry in parameters(vehicle)
-        for key, factor in keys_of(entry.name, entry.metadata["unit"]).items()
+        f"{part}.{key}": (path, factor)
+        for part in dict.fromkeys(path.split(".")[0] for path in there)
+        for key, (entry, factor) in keys_by_unit(getattr(vehicle, part)).items()
+        if (path := f"{part}.{entry.name}") in there
     }
+    for key, (entry, factor) in keys_by_unit(damper).items():
+        if is_number(entry):
+            known |= {f"damper.{entry.name}": (f"damper.{entry.name}", 1.0), f"damper.{key}": (f"damper.{entry.name}", factor)}
     if name not in known:
         near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
         raise InputError(f"--parameter {name!r}: this vehicle has no such number; did you mean {near}?")
@@ -127,22 +122,13 @@ def _parameter(vehicle: "Vehicle", text: str) -> tuple[str, tuple[float, float]]
 
 
 def _quantity(option: str, name: str, speeds: list[float], track: str) -> "Quantity":
-    """A quantity by its name on the command line."""
-    from ...tuning import objectives as aim
+    """A quantity by its name on the command line, at speeds in km/h."""
+    from ...tuning.named import make_objective
 
-    if name not in NAMES:
-        near = difflib.get_close_matches(name, NAMES, n=1, cutoff=0.0)[0]
-        raise InputError(f"{option} {name!r} is not known; did you mean {near}?")
-    fast = max(speeds) / 3.6
-    return {
-        "comfort": lambda: aim.comfort([speed / 3.6 for speed in speeds], track),
-        "travel-mm": lambda: aim.travel([speed / 3.6 for speed in speeds], track),
-        "guiding-force-kN": lambda: aim.guiding_force([speed / 3.6 for speed in speeds], track),
-        "critical-speed": aim.linear_critical_speed,
-        "nonlinear-critical-speed": aim.nonlinear_critical_speed,
-        "least-damping": lambda: aim.least_damping(fast),
-        "limit-cycle-mm": lambda: aim.limit_cycle_amplitude(fast),
-    }[name]()
+    try:
+        return make_objective(name, [speed / KMH for speed in speeds], track)
+    except InputError as error:
+        raise InputError(f"{option} {error}" if name not in OBJECTIVES else str(error)) from None
 
 
 def _constraint(text: str, speeds: list[float], track: str) -> "Constraint":
@@ -151,9 +137,9 @@ def _constraint(text: str, speeds: list[float], track: str) -> "Constraint":
     if parts is None:
         raise InputError(f'--constraint {text!r}: write name>=limit or name<=limit, like "critical-speed>=260"')
     name, sense, number = parts.groups()
-    quantity: Any = _quantity("--constraint", name, speeds, track)
+    quantity = _quantity("--constraint", name, speeds, track)
     try:
-        limit = float(number) * NAMES[name]
+        limit = float(number) / quantity.factor
     except ValueError:
         raise InputError(f"--constraint {text!r}: {number!r} is not a number") from None
     return quantity >= limit if sense == ">=" else quantity <= limit

@@ -92,7 +92,7 @@ class Identification:
         ]
         return loose + pairs
 
-    def to_json(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """As `railjax damper identify --json` prints it."""
         plain = {
             key: getattr(self, key) for key in ("fit_error", "heldout_error", "heldout_correlation", "published_heldout_error")
@@ -116,6 +116,8 @@ class Identification:
             "seconds": self.seconds,
             "evolution": None if self.evolution is None else dataclasses.asdict(self.evolution),
         }
+
+    to_json = as_dict  # its name until 0.3
 
     def __str__(self) -> str:
         units = {f.name: f.metadata["unit"] for f in bouc_wen.leaves(self.parameters)} | {"inertia": "kg"}

@@ -14,6 +14,7 @@ from jaxtyping import Array, ArrayLike, Complex, Float
 
 from ...base.checks import traced
 from ...base.errors import InputError
+from ...base.fields import quantity, structure
 from ...base.typing import Scalar
 from .sampled import MARGIN, SampledTrack, register
 from .spectra import LONGEST, SHORTEST, Spectrum, spectrum
@@ -26,6 +27,20 @@ LENGTH = 10e3
 
 #: m; a longer period is a slip of units, and would fill the memory
 FARTHEST = 1e6
+
+
+@dataclass(frozen=True)
+class RandomOptions:
+    """What files and the command line may say of a random track."""
+
+    spectrum: str = structure("erri-high", "name of a spectrum, or its file")
+    seed: int = structure(0, "which realisation")
+    length: float = quantity("m", "", "length after which it repeats itself", LENGTH, positive=True)
+    amplitude: float = quantity("1", "a", "factor on the alignment", 1.0, signed=True)
+
+    def track(self) -> "RandomTrack":
+        """The track itself."""
+        return RandomTrack(self.spectrum, seed=self.seed, length=self.length, amplitude=self.amplitude)
 
 
 class Recipe(NamedTuple):

@@ -8,7 +8,7 @@ differentiable, so a run sees no kinks.
 
 import copy
 import dataclasses
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,6 +21,7 @@ from ...base.arguments import guarded
 from ...base.checks import Kind, Range, a_path, positive
 from ...base.compilation import fence
 from ...base.errors import InputError
+from ...base.fields import optional, quantity, structure, table
 from ...base.typing import Number, Scalar
 from .shapes import Alignment, Distances, alignment
 from .spectra import TableSpectrum
@@ -43,13 +44,13 @@ class SampledTrack:
     are straight where their table ends in zeros. `label` is for printing and lost when JAX takes the pytree apart.
     """
 
-    coefficients: Number = field(metadata={"axes": 1})
-    spacing: Number
-    start: Number = 0.0
-    amplitude: Number = 1.0
-    fade: Number = None
-    periodic: bool = field(default=True, metadata={"static": True})
-    label: Any = field(default=None, metadata={"static": True})
+    coefficients: Number = table("m", "c_j", "coefficients of the spline", signed=True)
+    spacing: Number = quantity("m", "h", "length of the spline's cells", positive=True)
+    start: Number = quantity("m", "", "distance at which the table begins", 0.0, signed=True)
+    amplitude: Number = quantity("1", "a", "factor on the alignment", 1.0, signed=True)
+    fade: Number = optional("m", "", "distance over which the alignment fades in", positive=True)
+    periodic: bool = structure(True, "whether the table goes on for ever")
+    label: Any = structure(None)
 
     def _set(self, **fields: Any) -> None:
         for name, value in fields.items():

@@ -11,12 +11,12 @@ from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ...base.arguments import ARGUMENTS, guarded
-from ...base.checks import shown, traced
+from ...base.checks import shown
 from ...base.errors import InputError
+from ...base.fields import check_numbers, quantity
 from ...base.typing import Number
 
 Distances = Float[Array, "..."]
@@ -33,25 +33,10 @@ class Track(Protocol):
 
 
 def check_track(track: Track) -> None:
-    """Refuse numbers that are not finite and lengths that are not positive, where they are known."""
-    if not dataclasses.is_dataclass(track):
-        return
-    for field in dataclasses.fields(track):
-        key, value = field.name, getattr(track, field.name)
-        if field.metadata.get("static") or value is None or traced(value):
-            continue
-        # NumPy, because under `jit` even constants become tracers of jax.numpy
-        try:
-            array = np.asarray(value, float)
-        except (TypeError, ValueError):
-            array = np.zeros(0)
-        if not array.size:
-            raise InputError(f"track.{key} must be a number, not {shown(value)}")
-        wrong = ~np.isfinite(array)
-        if np.any(wrong):
-            raise InputError(f"track.{key} must be finite, not {array[wrong][0]}")
-        if key in ("wavelength", "length", "spacing", "fade") and not np.all(array > 0):
-            raise InputError(f"track.{key} must be positive (m), not {value}")
+    """Refuse numbers that are not finite or have the wrong sign, where they are known; fields of a track of one's own that declare
+    nothing may have either."""
+    if dataclasses.is_dataclass(track):
+        check_numbers(track, "track", undeclared="signed")
 
 
 def a_track(key: str, value: Any) -> None:
@@ -90,8 +75,8 @@ class SinusoidTrack:
     The paper gives A (5 and 10 mm in figs. 16-18) but not L. Wavelengths of 6 to 60 m are felt by a coach at 50 m/s.
     """
 
-    amplitude: Number
-    wavelength: Number
+    amplitude: Number = quantity("m", "A", "amplitude of the alignment", signed=True)
+    wavelength: Number = quantity("m", "L", "wavelength of the alignment", positive=True)
 
     def seen_from(self, offset: Distances) -> Alignment:
         """A sin(kappa (start + offset)), by the addition theorem: two sines a start, whatever the number of offsets."""
@@ -113,9 +98,9 @@ class BumpTrack:
     period sinusoid function which considers the irregularity tangent to the track" is read as this.
     """
 
-    amplitude: Number  # A, m
-    length: Number  # L, m
-    start: Number = 20.0  # m
+    amplitude: Number = quantity("m", "A", "peak of the bump", signed=True)
+    length: Number = quantity("m", "L", "length of the bump", positive=True)
+    start: Number = quantity("m", "", "distance at which the bump begins", 20.0, signed=True)
 
     def seen_from(self, offset: Distances) -> Alignment:
         """The bump at start + `offset`, m: a function of the distance (m)."""

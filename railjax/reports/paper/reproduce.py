@@ -152,7 +152,7 @@ def _write(study: Study, outcome: Outcome, figures: Path, fingerprint: str) -> d
     return {
         "study": study.name,
         "fingerprint": fingerprint,
-        "quantities": [quantity.to_json() for quantity in outcome.quantities],
+        "quantities": [quantity.as_dict() for quantity in outcome.quantities],
         "statements": [dataclasses.asdict(statement) for statement in outcome.statements],
         "pictures": [
             {key: getattr(picture, key) for key in ("slug", "title", "caption", "alternative")} for picture in outcome.pictures

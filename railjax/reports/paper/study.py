@@ -37,7 +37,7 @@ class Quantity:
             return None
         return bool(abs(self.computed - self.paper) <= self.tolerance)
 
-    def to_json(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """As results.json holds it."""
         return {
             "name": self.name,

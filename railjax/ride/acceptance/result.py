@@ -71,7 +71,7 @@ class Acceptance:
         few = self.ok & (self.sections < self.minimum_sections)
         absent = [criterion.name for key, criterion in CRITERIA.items() if key not in self.findings]
         return [
-            "In the manner of UIC 518 / EN 14363, on straight track; no certificate. Limits and factors k are recalled; to_dict() names the sources.",
+            "In the manner of UIC 518 / EN 14363, on straight track; no certificate. Limits and factors k are recalled; as_dict() names the sources.",
             *([f"No sound run (diverged, or dt too large): {np.sum(~self.ok)} lane(s)."] if not np.all(self.ok) else []),
             *([f"Fewer than {self.minimum_sections} sections: too few to estimate a maximum."] if np.any(few) else []),
             *([f"Not in the record: {', '.join(absent)}."] if absent else []),
@@ -81,9 +81,11 @@ class Acceptance:
     def __str__(self) -> str:
         return several_runs(self) if self.speed.ndim else one_run(self)
 
-    def to_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Plain numbers and texts for JSON, SI units: of a batch {"lanes": [...], ...}, of a run the quantities themselves."""
         return plain(self)
+
+    to_dict = as_dict  # its name until 0.3
 
 
 def one_run(result: Acceptance) -> str:
@@ -125,7 +127,7 @@ def several_runs(result: Acceptance) -> str:
 
 
 def plain(result: Acceptance) -> dict[str, Any]:
-    """The content of `Acceptance.to_dict`."""
+    """The content of `Acceptance.as_dict`."""
     if result.speed.ndim:
         return {"vehicle": result.name, "lanes": [plain(result.lane(k)) for k in range(len(result.speed))]}
     quantities = {}

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -64,6 +64,17 @@ class LimitCycle:
             f"limit cycle at {self.speed * KMH:.3f} km/h: {self.amplitude * 1e3:.3f} mm, {self.frequency:.4f} Hz, {kind}, "
             f"largest multiplier {self.floquet.largest:.4f} (error {self.floquet.error:.1e})"
         )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and lists, for JSON."""
+        return {
+            "speed_kmh": self.speed * KMH,
+            "amplitude_mm": self.amplitude * 1e3,
+            "frequency_hz": self.frequency,
+            "stable": self.stable,
+            "largest_multiplier": self.floquet.largest,
+            "trivial_multiplier_error": self.floquet.error,
+        }
 
 
 class Event(NamedTuple):
@@ -186,6 +197,30 @@ class Branch:
             ylim=(0.0, None),
         )
         legend_above(axes, 3)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and lists, for JSON."""
+        isolated, fold = self.criticality == "isolated", self.fold
+        return {
+            "vehicle": self.vehicle_name,
+            "hopf_kmh": None if isolated else float(self.hopf.speed) * KMH,
+            "hopf_frequency_hz": None if isolated else float(self.hopf.frequency),
+            "criticality": self.criticality,
+            "slope_at_hopf_kmh_per_mm": None if isolated else self.slope_at_hopf * KMH * 1e-3,
+            "lyapunov_per_s": self.lyapunov,
+            "fold_kmh": None if fold is None else fold.speed * KMH,
+            "fold_amplitude_mm": None if fold is None else fold.amplitude * 1e3,
+            "fold_frequency_hz": None if fold is None else fold.frequency,
+            "folds": [point.as_dict() for point in self.folds],
+            "events": [
+                {"kind": kind, "speed_kmh": speed * KMH, "amplitude_mm": amplitude * 1e3}
+                for kind, speed, amplitude in self.events
+            ],
+            "wheelset": self.wheelset + 1,
+            "branch": [{**point.as_dict(), "piece": k} for k, piece in enumerate(self.pieces) for point in piece],
+            "largest_trivial_multiplier_error": max(point.floquet.error for point in self.points),
+            "note": self.note,
+        }
 
     def to_xarray(self) -> "xarray.Dataset":
         """A labelled dataset over the points."""

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -49,6 +49,27 @@ class NonlinearCritical(NamedTuple):
     frequency: Float[Array, "..."]
     linear: LinearCritical
     code: Int[Array, "..."]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Of a single vehicle that has one, plain numbers for JSON; without a fold it is the linear one, and amplitude and frequency null."""
+        folded = int(self.code) == Hunting.OK
+        return {
+            "nonlinear_kmh": float(self.speed) * KMH,
+            "fold_amplitude_mm": float(self.amplitude) * 1e3 if folded else None,
+            "fold_frequency_hz": float(self.frequency) if folded else None,
+            "criticality": ("subcritical" if np.isfinite(self.linear.speed) else "isolated") if folded else "supercritical",
+        }
+
+
+def told(found: NonlinearCritical, vehicle: Vehicle) -> str:
+    """One line on the nonlinear critical speed of a single vehicle that has one."""
+    if int(found.code) != Hunting.OK:
+        return "no fold: limit cycles leave the linear critical speed upwards (supercritical), so it is the nonlinear one"
+    place = f"wheelset {default_wheelset(vehicle, None) + 1} from the front"
+    return (
+        f"nonlinear critical speed {float(found.speed) * KMH:.2f} km/h: fold of the limit cycles at "
+        f"{float(found.amplitude) * 1e3:.3f} mm ({place}), {float(found.frequency):.3f} Hz"
+    )
 
 
 @guarded()

@@ -23,7 +23,7 @@ from jaxtyping import Array, Float, Int
 from ...base.compilation import QUICK, one_kernel, options
 from ...base.packing import Form, numbers_of
 from ...base.typing import Number, Scalar
-from ...model.damper import Damper
+from ...model.damper import Damper, answers
 from ...model.kinematics import layout, size
 from ...model.motion import motion, state_rate, state_size, wheelset_shape
 from ...model.parameters import without_labels
@@ -98,7 +98,7 @@ class Model:
         """
         signs = np.full(self.states, -1.0)
         bogies = wheelset_shape(self.vehicle)[0]
-        for index in getattr(self.damper, "even_states", ()):
+        for index in answers(self.damper).even_states:
             start = 2 * size(self.vehicle) + index * bogies
             signs[start : start + bogies] = 1.0
         return signs

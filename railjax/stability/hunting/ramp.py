@@ -1,6 +1,7 @@
 """A slow ramp of the speed down and up, simulated: the independent check of the bifurcation diagram, with its hysteresis."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -54,6 +55,10 @@ class Ramp:
             f"Speed ramp of {self.rate:g} m/s²: hunting stops at {self.stops * KMH:.1f} km/h on the way down and starts at "
             f"{self.starts * KMH:.1f} km/h on the way up"
         )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and lists, for JSON."""
+        return {"stops_kmh": self.stops * KMH, "starts_kmh": self.starts * KMH, "rate_m_per_s2": self.rate}
 
 
 @guarded(("low", "high"))

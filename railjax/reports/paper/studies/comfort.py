@@ -9,7 +9,7 @@ from ....base.errors import NumericalError
 from ....base.style import COLOURS, figure, legend_above
 from ....base.typing import Scalar
 from ....base.units import KMH
-from ....dampers.controlled import BalanceLogic
+from ....dampers.balance_logic import BalanceLogic
 from ....model.damper import Damper, PassiveDamper
 from ....model.track.random import RandomTrack
 from ....model.track.shapes import SinusoidTrack, Track

@@ -5,7 +5,7 @@ import numpy as np
 
 from ....base.style import figure, legend_above
 from ....base.units import KMH
-from ....dampers.controlled import BalanceLogic
+from ....dampers.balance_logic import BalanceLogic
 from ....model.damper import Damper, PassiveDamper
 from ....model.track.shapes import SinusoidTrack
 from ....model.vehicle import Vehicle

@@ -5,8 +5,10 @@ import numpy as np
 
 from ....base.style import figure, legend_above
 from ....base.units import KMH
+from ....dampers.balance_logic import BalanceLogic
 from ....dampers.bouc_wen_damper import COACH_FORCE, BoucWenDamper, HybridDamper
-from ....dampers.controlled import ADD, BalanceLogic, ClippedLQR, MixedSkyhookADD, Skyhook
+from ....dampers.clipped_lqr import ClippedLQR
+from ....dampers.skyhook import ADD, MixedSkyhookADD, Skyhook
 from ....model.damper import HARD, SOFT, Damper, PassiveDamper
 from ....model.track.shapes import SinusoidTrack
 from ....model.vehicle import Vehicle

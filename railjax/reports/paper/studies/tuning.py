@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ....base.style import COLOURS, figure, legend_above
 from ....base.units import KMH
-from ....dampers.controlled import BalanceLogic
+from ....dampers.balance_logic import BalanceLogic
 from ....model.damper import SOFT, Damper
 from ....model.motion import PASSIVE
 from ....model.parameters import get_parameter

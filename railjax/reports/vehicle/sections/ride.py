@@ -9,7 +9,8 @@ from jaxtyping import Array, Float
 
 from ....base.style import COLOURS, figure, legend_above
 from ....base.units import KMH
-from ....dampers.controlled import BalanceLogic, Skyhook
+from ....dampers.balance_logic import BalanceLogic
+from ....dampers.skyhook import Skyhook
 from ....model.damper import HARD, SOFT, Damper
 from ....model.kinematics import CARBODY_TO_FLOOR, FLOOR_POINTS, is_one_stage
 from ....model.motion import PASSIVE

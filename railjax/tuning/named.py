@@ -1,0 +1,35 @@
+"""The objectives that the command line knows by name: the one table. A new one adds its line here."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ..base.by_name import Maker
+from ..base.errors import InputError
+
+# the command line lists the names before it needs an objective
+if TYPE_CHECKING:
+    from .quantity import Quantity
+
+#: name -> what makes it of the `speeds`, or of the fastest, and of the `track`. Limits are given in the unit in which it is printed
+OBJECTIVES = {
+    "comfort": Maker("tuning.objectives", "comfort", ("speeds", "track")),
+    "travel-mm": Maker("tuning.objectives", "travel", ("speeds", "track")),
+    "guiding-force-kN": Maker("tuning.objectives", "guiding_force", ("speeds", "track")),
+    "critical-speed": Maker("tuning.objectives", "linear_critical_speed"),
+    "nonlinear-critical-speed": Maker("tuning.objectives", "nonlinear_critical_speed"),
+    "least-damping": Maker("tuning.objectives", "least_damping", ("speed",)),
+    "limit-cycle-mm": Maker("tuning.objectives", "limit_cycle_amplitude", ("speed",)),
+}
+
+
+def make_objective(name: str, speeds: Sequence[float], track: str) -> "Quantity":
+    """The objective of a name in `OBJECTIVES` for `speeds` (m/s; what takes a single one is for the highest) on the `track` of a spectrum's name.
+
+    Raises `InputError` for an unknown name.
+    """
+    import difflib
+
+    if name not in OBJECTIVES:
+        near = difflib.get_close_matches(name, OBJECTIVES, n=1, cutoff=0.0)[0]
+        raise InputError(f"{name!r} is not known; did you mean {near}?")
+    return OBJECTIVES[name].make(speeds=speeds, speed=max(speeds), track=track)
