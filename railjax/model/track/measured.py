@@ -49,22 +49,33 @@ class MeasuredRecord:
 @register
 @dataclass(frozen=True, init=False, repr=False)
 class MeasuredTrack(SampledTrack):
-    """Measured lateral alignment (m) over `distance` (m, rising, any spacing), from 20 m in front of a run's start.
+    """Measured lateral alignment over the distance, from 20 m in front of a run's start.
 
-    The samples, their mean taken out, are put on an even grid by a cubic spline; `longest` and `shortest` (m) filter away longer and
-    shorter waves (Butterworth, 4th order, forwards and backwards: no phase, half the amplitude at these wavelengths), and
-    over the first and last `fade` metres the alignment rises from straight track and returns to it. Beyond both ends it is
-    straight. A record that holds the layout of the line needs `longest`, say 200 m. `amplitude` is a factor, one or one per lane.
+    The samples, their mean taken out, are put on an even grid by a cubic spline, filtered (Butterworth, 4th order, forwards and
+    backwards: no phase, half the amplitude at the wavelength) and faded at the ends. Beyond both ends the track is straight. A
+    record that holds the layout of the line needs `longest`, say 200 m.
 
-    With `chord` (m: 10, or 31, 62, 124 ft in m) the alignment is versines in the middle of chords of that length, which are
-    restored to the space curve: waves of half the chord, a quarter, ... are lost, and those longer than `longest`, by default ten
-    chords, 200 m at most. `bridge` (m): samples without a value (NaN), single-sample spikes and gaps of the distance up to that
-    length are bridged by straight lines; without it spikes and short gaps are named in `notes` and the rest is refused.
+    Versines are restored to the space curve: waves of half the chord, a quarter, ... are lost. Without `bridge` spikes and short
+    gaps are named in `notes` and the rest is refused.
 
-    `cross_level` and `gauge` may be given along; they are kept as read, and the lateral model does not use them.
+    Args:
+        distance: shape `(samples,)`, m, rising, any spacing.
+        alignment: shape `(samples,)`, m; with `chord` versines in the middle of chords.
+        cross_level: shape `(samples,)`, m; kept as read, and the lateral model does not use it.
+        gauge: shape `(samples,)`, m; as `cross_level`.
+        shortest: shorter waves are filtered away, m; by default none.
+        longest: longer waves are filtered away, m; by default none, with a `chord` those longer than ten chords, 200 m at most.
+        chord: length of the chords, m: 10, or 31, 62, 124 ft in m; by default the alignment is the space curve.
+        bridge: samples without a value (NaN), single-sample spikes and gaps of the distance up to this length are bridged by
+            straight lines, m; by default none.
+        fade: over which the alignment rises from straight track at the start and returns to it at the end, m.
+        amplitude: factor on all, dimensionless, one or one per lane.
+        name: of the record, for messages.
+        notes: what was assumed in reading it.
 
-    Raises `InputError` for fewer than 16 samples, values that are not finite, distance that does not rise, a gap, a record too short
-    for its fades or filter, and an alignment beyond 0.2 m or below 1 µm, which is a slip of units.
+    Raises:
+        InputError: for fewer than 16 samples, values that are not finite, distance that does not rise, a gap, a record too short
+            for its fades or filter, and an alignment beyond 0.2 m or below 1 µm, which is a slip of units.
     """
 
     def __init__(

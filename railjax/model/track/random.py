@@ -57,23 +57,29 @@ class Recipe(NamedTuple):
 class RandomTrack(SampledTrack):
     """A realisation of a spectrum: η(s) = g(s) a Σ_k √(2 S(Ω_k) ΔΩ) cos(Ω_k s + φ_k), Ω_k = k ΔΩ, ΔΩ = 2π/length.
 
-    `spectrum` is a name ("erri-low", "erri-high", "fra-1" to "fra-6"), a CSV file, a function of Ω or a spectrum; `seed` a whole
-    number, or several, which become lanes of a batch; `length` in m is rounded up, and the track repeats itself beyond it;
-    `amplitude` a is a factor; `shortest` and `longest` wavelength in m bound the band; `fade` in m: straight up to 0.4 fade, so
-    that a run starts from rest, and full from fade on (0: full from the start).
-
-    The phases φ_k are uniform, from NumPy's PCG64, so a seed means the same track everywhere; the amplitudes are not random,
-    so every band has its variance exactly, in every realisation. The waves are summed on points `shortest`/8 apart by FFT and
+    The phases φ_k are uniform, from NumPy's PCG64, so a seed means the same track everywhere; the amplitudes are not random, so
+    every band has its variance exactly, in every realisation. The waves are summed on points `shortest`/8 apart by FFT and
     carried by a cubic spline whose coefficients are divided by its own spectrum sinc⁴(Ω h/2π): every wave keeps its amplitude,
     and what the spline adds are images of it, below 6.2e-4 of the shortest wave's amplitude and 4e-5 of one's twice as long.
 
-    In single precision the distance is rounded to 6e-8 of itself: the alignment is off by 0.1 µm after 1 km and by 5 µm after 100 km.
-    `scaled` gives the same track with another amplitude.
+    In single precision the distance is rounded to 6e-8 of itself: the alignment is off by 0.1 µm after 1 km and by 5 µm after 100
+    km. `scaled` gives the same track with another amplitude.
 
-    >>> track = RandomTrack("erri-high", seed=range(100))  # a hundred lanes  # doctest: +SKIP
+    Args:
+        spectrum: a name ("erri-low", "erri-high", "fra-1" to "fra-6"), a CSV file, a function of Ω or a spectrum.
+        seed: a whole number from 0 on, or several, which become lanes of a batch.
+        length: beyond which the track repeats itself, m, rounded up; by default 10e3, 100 s at 360 km/h.
+        amplitude: factor a, dimensionless, one or one per lane.
+        shortest: shortest wavelength of the band, m; by default 2.
+        longest: longest wavelength of the band, m; by default 200.
+        fade: straight up to 0.4 of it, so that a run starts from rest, and full beyond it, m; 0 for full from the start.
 
-    Raises `InputError` for unknown spectra, seeds that are no whole numbers, a band that is empty and a length that does not
-    hold the longest wave.
+    Raises:
+        InputError: for unknown spectra, seeds that are no whole numbers, a band that is empty and a length that does not hold the
+            longest wave five times.
+
+    Examples:
+        >>> track = RandomTrack("erri-high", seed=range(100))  # a hundred lanes  # doctest: +SKIP
     """
 
     def __init__(
