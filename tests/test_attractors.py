@@ -98,10 +98,10 @@ def test_batches_of_neighbours_take_their_folds_from_one_another(coach, monkeypa
     taken = []
     take_from = fold_search.FoldSearch.take_from
     monkeypatch.setattr(fold_search.FoldSearch, "take_from", lambda *pair: taken.append(take_from(*pair)) or taken[-1])
-    together = railjax.nonlinear_critical(variants, steps=100)
+    together = railjax.nonlinear_critical(variants, steps=200)
     assert taken == [True, True, True]
     monkeypatch.setattr(fold_search.FoldSearch, "take_from", lambda *_: False)
-    apart = railjax.nonlinear_critical(variants, steps=100)
+    apart = railjax.nonlinear_critical(variants, steps=200)
     assert np.all(np.asarray(together.code) == Hunting.OK)
     np.testing.assert_allclose(together.speed, apart.speed, rtol=1e-9)
     np.testing.assert_allclose(together.amplitude, apart.amplitude, rtol=1e-5)
