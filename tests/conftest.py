@@ -29,7 +29,7 @@ settings.register_profile("railjax", deadline=None, database=None, derandomize=n
 settings.load_profile("railjax")
 
 #: bytes that a worker may hold between two tests; what is compiled is most of it, and comes back from the disk
-HELD = 1.3e9
+HELD = 1.2e9
 
 
 #: files that take longest, the longest first: with `--dist loadfile --no-loadscope-reorder` each worker takes the next file when it has
