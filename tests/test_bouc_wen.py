@@ -128,14 +128,14 @@ def of_exponent(n):
 @pytest.mark.parametrize(("n", "voltage"), [(1.0, 1.5), (1.5, 1.5), (3.0, 0.0)])
 def test_steps_of_other_exponents_follow_the_equations(n, voltage):
     p, time = of_exponent(n), 1e-3 * np.arange(1201)
-    assert error(stepped(p, time, voltage), reference(p, time, voltage)) < 1e-3
+    assert error(stepped_at_1_ms(p, voltage), reference(p, time, voltage)) < 1e-3
 
 
 def test_the_published_loop_of_exponent_1():
     time = 1e-3 * np.arange(1201)
     expected = reference(LARGE, time, 1.0)
-    assert error(stepped(LARGE, time, 1.0), expected) < 1e-3
-    assert error(stepped(dataclasses.replace(LARGE, n=1.5), time, 1.0), expected) > 0.05
+    assert error(stepped_at_1_ms(LARGE, 1.0), expected) < 1e-3
+    assert error(stepped_at_1_ms(dataclasses.replace(LARGE, n=1.5), 1.0), expected) > 0.05
 
 
 @pytest.mark.parametrize(("dt", "parts", "n"), [(2e-3, 2, 2.0), (20e-3, 16, 2.0), (5e-3, 8, 1.5)])

@@ -5,6 +5,7 @@ first; coordinates of held bodies are left out. A state is x = [q, q', internal 
 elongations of the yaw dampers' dashpots (n)], along the leading axis; any trailing axes are lanes of a batch.
 """
 
+import math
 from collections.abc import Callable, Mapping
 
 import jax
@@ -44,14 +45,14 @@ def layout(vehicle: Vehicle) -> dict[str, tuple[int, ...]]:
 
 def size(vehicle: Vehicle) -> int:
     """Number of coordinates: 17 for the coach."""
-    return sum(int(np.prod(shape)) for shape in layout(vehicle).values())
+    return sum(math.prod(shape) for shape in layout(vehicle).values())
 
 
 def split(vehicle: Vehicle, q: Float[Array, "n *lanes"]) -> Groups:
     """The flat vector q by groups."""
     shapes = layout(vehicle)
     # `lax.split`, because its transpose is one concatenation where slices would give a padded sum each
-    pieces = jax.lax.split(q, [int(np.prod(shape)) for shape in shapes.values()])
+    pieces = jax.lax.split(q, [math.prod(shape) for shape in shapes.values()])
     return {name: piece.reshape(shape + q.shape[1:]) for (name, shape), piece in zip(shapes.items(), pieces, strict=True)}
 
 
@@ -60,7 +61,7 @@ def join(vehicle: Vehicle, groups: Mapping[str, Float[Array | np.ndarray, "..."]
     pieces = []
     for name, shape in layout(vehicle).items():
         lanes = groups[name].shape[len(shape) :]
-        pieces.append(groups[name].reshape((int(np.prod(shape)), *lanes)))
+        pieces.append(groups[name].reshape((math.prod(shape), *lanes)))
     return pieces
 
 
@@ -68,7 +69,7 @@ def labels(vehicle: Vehicle) -> list[str]:
     """A name for every coordinate, in the order of q: carbody_y, ..., wheelset_y[3]."""
     names = []
     for name, shape in layout(vehicle).items():
-        count = int(np.prod(shape))
+        count = math.prod(shape)
         names += [name] if not shape else [f"{name}[{i}]" for i in range(count)]
     return names
 

@@ -255,58 +255,56 @@ class _Trials:
     def jacobian(self, logs: np.ndarray) -> np.ndarray:
         """d result / d log factor, (results, unknowns)."""
         _, fold = self._try(logs)
-        rows = {}
-        given, at = bare(self.vehicle, self.damper), jnp.asarray(logs)
+        columns = [self._slopes(logs, direction, fold) for direction in np.eye(len(logs))]
+        return np.array([[column.get(name, np.nan) for column in columns] for name in self.names])
+
+    def _slopes(self, logs: np.ndarray, direction: np.ndarray, fold: Point | None) -> dict[str, float]:
+        """One unknown at a time, so that what is compiled serves any choice of them."""
+
+        def trees_at(logs: Float[Array, "unknowns"]) -> tuple[Vehicle, Damper]:
+            return bare(_scaled(self.vehicle, self.unknowns, logs), self.damper)
+
+        found = {}
+        trees, moved = jax.jvp(trees_at, (jnp.asarray(logs),), (jnp.asarray(direction),))
         if "linear_kmh" in self.names:
-            rows["linear_kmh"] = np.asarray(_linear_slopes(self.unknowns, given, at)) * KMH
+            speed = jax.jvp(lambda trees: linear_critical(trees[0], damper=trees[1]).speed, (trees,), (moved,))[1]
+            found["linear_kmh"] = float(speed) * KMH
         if fold is not None:
-            speed, amplitude = _fold_slopes(self.unknowns, given, self.shooting, at, fold)
-            rows |= {"fold_kmh": np.asarray(speed) * KMH, "fold_amplitude_mm": np.asarray(amplitude) * 1e3}
-        return np.array([rows.get(name, np.full(len(logs), np.nan)) for name in self.names])
+            speed, amplitude = _fold_slopes(self.shooting, trees, moved, fold)
+            found |= {"fold_kmh": float(speed) * KMH, "fold_amplitude_mm": float(amplitude) * 1e3}
+        return found
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _linear_slopes(unknowns: Unknowns, trees: tuple, logs: Float[Array, "unknowns"]) -> Float[Array, "unknowns"]:
-    vehicle, damper = trees
-    return jax.jacfwd(lambda at: linear_critical(_scaled(vehicle, unknowns, at), damper=damper).speed)(logs)
-
-
-@functools.partial(jax.jit, static_argnums=(0, 2))
-def _fold_slopes(
-    unknowns: Unknowns, trees: tuple, shooting: Shooting, logs: Float[Array, "unknowns"], point: Point
-) -> tuple[Float[Array, "unknowns"], Float[Array, "unknowns"]]:
-    """Derivatives of the fold's speed (m/s) and amplitude (m).
+def _fold_slopes(shooting: Shooting, trees: tuple, moved: tuple, point: Point) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Derivatives of the fold's speed (m/s) and amplitude (m) where vehicle and damper move along `moved`.
 
     The speed's is that of `implicit_speed`. At the fold the slope s = dv/dA along the branch vanishes, so dA/dp =
     -(ds/dp)/(ds/dA). As s is the adjoint's share in dr/dx · (tangent), its derivatives are second derivatives of the residual r,
     each along two directions: nested `jvp` of the flow, without any derivative of a Jacobian.
     """
-    vehicle, damper = trees
 
-    def model_at(at: Float[Array, "unknowns"]) -> Model:
-        return Model(rounded(_scaled(vehicle, unknowns, at)), damper)
+    def model_of_trees(trees: tuple) -> Model:
+        vehicle, damper = trees
+        return Model(rounded(vehicle), damper)
 
-    def residual(orbit: Float[Array, "orbit"], at: Float[Array, "unknowns"]) -> Float[Array, "states"]:
-        model = model_at(at)
+    def residual(orbit: Float[Array, "orbit"], trees: tuple) -> Float[Array, "states"]:
+        model = model_of_trees(trees)
         start = unpack(model, shooting, orbit)
         return section(model, shooting, start) - start.state / model.scales
 
-    model, orbit = model_at(logs), point.unknowns
+    model, orbit = model_of_trees(trees), point.unknowns
     row = row_of(model, shooting, BY_AMPLITUDE)
     bordered = jnp.vstack([point.jacobian, row])
     along = point.direction / (row @ point.direction)
 
-    def slope(orbit: Float[Array, "orbit"], at: Float[Array, "unknowns"]) -> Float[Array, ""]:
+    def slope(orbit: Float[Array, "orbit"], trees: tuple) -> Float[Array, ""]:
         """s, as far as its first derivatives at the fold go."""
-        return -point.adjoint @ jax.jvp(lambda x: residual(x, at), (orbit,), (along,))[1]
+        return -point.adjoint @ jax.jvp(lambda x: residual(x, trees), (orbit,), (along,))[1]
 
-    curvature = jax.jvp(lambda x: slope(x, logs), (orbit,), (along,))[1]
-
-    def along_one(direction: Float[Array, "unknowns"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        pushed = jax.jvp(lambda at: residual(orbit, at), (logs,), (direction,))[1]
-        # the orbit of the same amplitude
-        moved = -jnp.linalg.solve(bordered, jnp.append(pushed, 0.0))
-        bent = jax.jvp(slope, (orbit, logs), (moved, direction))[1]
-        return -point.adjoint @ pushed * SPEED, -bent / curvature * DISPLACEMENT
-
-    return jax.vmap(along_one)(jnp.eye(logs.shape[0]))
+    curvature = jax.jvp(lambda x: slope(x, trees), (orbit,), (along,))[1]
+    pushed = jax.jvp(lambda trees: residual(orbit, trees), (trees,), (moved,))[1]
+    # the orbit of the same amplitude
+    same = -jnp.linalg.solve(bordered, jnp.append(pushed, 0.0))
+    bent = jax.jvp(slope, (orbit, trees), (same, moved))[1]
+    return -point.adjoint @ pushed * SPEED, -bent / curvature * DISPLACEMENT

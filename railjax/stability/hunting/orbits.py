@@ -79,8 +79,8 @@ class Model:
     def displacements(self) -> slice:
         """Where the lateral displacements of all wheelsets stand in the state; their rates stand `size(vehicle)` further."""
         before = itertools.takewhile(lambda entry: entry[0] != "wheelset_y", layout(self.vehicle).items())
-        first = sum(int(np.prod(shape)) for _, shape in before)
-        return slice(first, first + int(np.prod(wheelset_shape(self.vehicle))))
+        first = sum(math.prod(shape) for _, shape in before)
+        return slice(first, first + math.prod(wheelset_shape(self.vehicle)))
 
     @functools.cached_property
     def scales(self) -> Float[np.ndarray, "states"]:
