@@ -80,7 +80,7 @@ class ClippedLQR(ForceControlled):
         return cls(feedback=-1e3 * gain, **options)
 
     def fault(self) -> str | None:
-        """No gain."""
+        """What is wrong where there is no gain."""
         return "ClippedLQR has no feedback; make it with ClippedLQR.design(vehicle, speed)" if self.feedback is None else None
 
     def measured(self, vehicle: Vehicle, travel: Bogies, seen: Seen) -> Bogies:

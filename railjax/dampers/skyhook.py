@@ -92,13 +92,13 @@ class ADD(ValveControlled):
         return of_carbody(vehicle, seen.rates)
 
     def fault(self) -> str | None:
-        """No accelerometer."""
+        """What is wrong where the accelerometer has no lag."""
         if self.sensor_lag is None:
             return f"{type(self).__name__} needs a sensor_lag: the low-pass of its accelerometer, 5e-3 s for example"
         return super().fault()
 
     def signal(self, measured: Bogies, sensed: Bogies | None) -> Bogies:
-        """a_c."""
+        """a_c as the accelerometer gives it, m/s^2."""
         if sensed is None:
             raise InputError(self.fault())
         return (measured - sensed) / self.sensor_lag

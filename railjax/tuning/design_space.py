@@ -67,7 +67,7 @@ class DesignSpace:
 
     @property
     def names(self) -> list[str]:
-        """One per parameter."""
+        """One name per parameter, those of tied ones joined."""
         return [" = ".join(paths) for paths in self.paths]
 
     def values(self, x: Float[Array, "parameters"]) -> Float[Array, "parameters"]:

@@ -185,7 +185,7 @@ class _Search:
         return evaluate
 
     def best(self, of: Quantity, held: list[Constraint], x: np.ndarray) -> minimise.Descent:
-        """From a start."""
+        """The best of one quantity from the start x, the others held."""
         found = minimise.slsqp(self.alone(of, held), x, self.tolerance, MOST_STEPS)
         self.count += found.evaluations
         return found

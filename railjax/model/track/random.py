@@ -39,7 +39,7 @@ class RandomOptions:
     amplitude: float = quantity("1", "a", "factor on the alignment", 1.0, signed=True)
 
     def track(self) -> "RandomTrack":
-        """The track itself."""
+        """The realisation of these options."""
         return RandomTrack(self.spectrum, seed=self.seed, length=self.length, amplitude=self.amplitude)
 
 
