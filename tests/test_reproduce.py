@@ -12,7 +12,7 @@ from railjax.base.source import PACKAGE, digest_of_source
 from railjax.base.style import figure
 from railjax.reports.paper import reproduce as frame
 from railjax.reports.paper.page import render
-from railjax.reports.paper.study import Outcome, Picture, Quantity, Statement, Study
+from railjax.reports.paper.study import Compared, Outcome, Picture, Statement, Study
 
 PNG = b"\x89PNG"
 
@@ -40,7 +40,7 @@ class Fake:
         with figure(height=1.0) as (page, axes):
             axes[0, 0].plot([0, 1])
         return Outcome(
-            [Quantity(f"speed of {self.name}", "fig. 1", 2.1, self.computed, "km/h", self.fitted, 0.2)],
+            [Compared(f"speed of {self.name}", "fig. 1", 2.1, self.computed, "km/h", self.fitted, 0.2)],
             [Statement(f"{self.name} < 3", "section 1", True, "2 & 3")],
             [Picture(self.name, f"Title of {self.name}", "a caption", f'what "{self.name}" shows', page)],
             ["the same assumption"],

@@ -28,7 +28,7 @@ LAWS = ("sharp", "smooth")
 LARGEST = sys.float_info.max
 
 
-def quantity(
+def parameter(
     unit: str, symbol: str, meaning: str, default: float | None = None, positive: bool = False, signed: bool = False
 ) -> Any:
     """A dataclass field that is a differentiable leaf; its metadata feed the file reader, messages, checks and charts. Neither `positive`
@@ -40,12 +40,12 @@ def quantity(
 def optional(
     unit: str, symbol: str, meaning: str, positive: bool = False, signed: bool = False, default: float | None = None
 ) -> Any:
-    """A quantity that a part may do without: None, and then no leaf and no code."""
+    """A parameter that a part may do without: None, and then no leaf and no code."""
     return field(default=default, metadata=_about(unit, symbol, meaning, positive, signed) | {"optional": True})
 
 
 def table(unit: str, symbol: str, meaning: str, signed: bool = False) -> Any:
-    """A quantity given by several numbers: an array with one axis of its own, before any lanes."""
+    """A parameter given by several numbers: an array with one axis of its own, before any lanes."""
     return field(metadata=_about(unit, symbol, meaning, False, signed) | {"axes": 1})
 
 

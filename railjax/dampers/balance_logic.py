@@ -6,7 +6,7 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from ..base.fields import quantity
+from ..base.fields import parameter
 from ..base.typing import Number, Scalar
 from ..model.damper import Bogies, EquivalentDamper, Seen
 from ..model.vehicle import Vehicle
@@ -24,7 +24,7 @@ class BalanceLogic(ForceControlled):
     Signal: -Δy_c, m. Sensible: α 0.2 to 1.
     """
 
-    alpha: Number = quantity("1", "α", "share of the elastic force that is balanced", 1.0)
+    alpha: Number = parameter("1", "α", "share of the elastic force that is balanced", 1.0)
     signal_scale: ClassVar[float] = 0.01
     largest_signal: ClassVar[float] = LARGEST_TRAVEL
 

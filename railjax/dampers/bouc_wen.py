@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 
 from ..base import smooth
 from ..base.errors import InputError
-from ..base.fields import optional, quantity, structure
+from ..base.fields import optional, parameter, structure
 from ..base.typing import Number, Scalar
 from . import power_loop
 
@@ -32,19 +32,19 @@ class BoucWen:
     source), for voltages of 0 to 2.25 V. |z| stays below (A/(β + γ))^(1/n), 6.44 mm.
     """
 
-    c0a: Number = quantity("N s/m", "c_0a", "viscous damping at high velocity, 0 V", 2100.0, positive=True)
-    c0b: Number = quantity("N s/m/V", "c_0b", "its growth with voltage", 350.0, signed=True)
-    c1a: Number = quantity("N s/m", "c_1a", "dashpot in series, 0 V (roll-off at low velocity)", 28300.0, positive=True)
-    c1b: Number = quantity("N s/m/V", "c_1b", "its growth with voltage", 295.0, signed=True)
-    alpha_a: Number = quantity("N/m", "α_a", "force per hysteretic displacement, 0 V", 14000.0, positive=True)
-    alpha_b: Number = quantity("N/m/V", "α_b", "its growth with voltage", 69500.0, signed=True)
-    k0: Number = quantity("N/m", "k", "stiffness at high velocity (k_0 of the source)", 4690.0)
-    k1: Number = quantity("N/m", "k_1", "stiffness of the accumulator", 500.0)
-    x0: Number = quantity("m", "x_0", "displacement at which the accumulator gives no force", 0.143, signed=True)
-    gamma: Number = quantity("1/m^2", "γ", "shape of the loop", 3.63e6, signed=True)
-    beta: Number = quantity("1/m^2", "β", "shape of the loop", 3.63e6, signed=True)
-    A: Number = quantity("1", "A", "slope dz/dx at z = 0", 301.0, positive=True)
-    eta: Number = quantity("1/s", "η", "rate at which the driver follows its command", 190.0, positive=True)
+    c0a: Number = parameter("N s/m", "c_0a", "viscous damping at high velocity, 0 V", 2100.0, positive=True)
+    c0b: Number = parameter("N s/m/V", "c_0b", "its growth with voltage", 350.0, signed=True)
+    c1a: Number = parameter("N s/m", "c_1a", "dashpot in series, 0 V (roll-off at low velocity)", 28300.0, positive=True)
+    c1b: Number = parameter("N s/m/V", "c_1b", "its growth with voltage", 295.0, signed=True)
+    alpha_a: Number = parameter("N/m", "α_a", "force per hysteretic displacement, 0 V", 14000.0, positive=True)
+    alpha_b: Number = parameter("N/m/V", "α_b", "its growth with voltage", 69500.0, signed=True)
+    k0: Number = parameter("N/m", "k", "stiffness at high velocity (k_0 of the source)", 4690.0)
+    k1: Number = parameter("N/m", "k_1", "stiffness of the accumulator", 500.0)
+    x0: Number = parameter("m", "x_0", "displacement at which the accumulator gives no force", 0.143, signed=True)
+    gamma: Number = parameter("1/m^2", "γ", "shape of the loop", 3.63e6, signed=True)
+    beta: Number = parameter("1/m^2", "β", "shape of the loop", 3.63e6, signed=True)
+    A: Number = parameter("1", "A", "slope dz/dx at z = 0", 301.0, positive=True)
+    eta: Number = parameter("1/s", "η", "rate at which the driver follows its command", 190.0, positive=True)
     saturation: Number = optional(
         "V", "u_s", "voltage at which the magnetic circuit saturates; without it eqs. (15)-(17) are linear"
     )

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from ..base import smooth
-from ..base.fields import optional, quantity, twin
+from ..base.fields import optional, parameter, twin
 from ..base.typing import Number, Scalar
 from ..model.damper import Bogies, Law, PassiveDamper, Seen
 from ..model.vehicle import Vehicle
@@ -72,11 +72,11 @@ class BoucWenDamper(Law):
     """
 
     parameters: BoucWen = COACH_BOUC_WEN
-    voltage_gain: Number = quantity("V/m", "ε K", "voltage per travel", 100.0)
-    voltage_limit: Number = quantity("V", "", "largest voltage", 2.25)
-    voltage: Number = quantity("V", "", "voltage where balance logic does not act", 0.0)
-    travel_width: Number = quantity("m", "", "smooth twin: rounding of the travel's sign", 2e-4, positive=True)
-    velocity_width: Number = quantity("m/s", "", "smooth twin: rounding of the velocity's sign", 5e-3, positive=True)
+    voltage_gain: Number = parameter("V/m", "ε K", "voltage per travel", 100.0)
+    voltage_limit: Number = parameter("V", "", "largest voltage", 2.25)
+    voltage: Number = parameter("V", "", "voltage where balance logic does not act", 0.0)
+    travel_width: Number = parameter("m", "", "smooth twin: rounding of the travel's sign", 2e-4, positive=True)
+    velocity_width: Number = parameter("m/s", "", "smooth twin: rounding of the velocity's sign", 5e-3, positive=True)
     law: Literal["sharp", "smooth"] = twin()
     sample_time: Number = optional("s", "", "time from decision to decision; None: at every step", positive=True, default=1e-3)
 
@@ -165,7 +165,7 @@ class BoucWenDamper(Law):
 class _Relaxation(Law):
     """Nothing but a state that decays at a rate (1/s)."""
 
-    rate: Number = quantity("1/s", "", "rate at which it decays")
+    rate: Number = parameter("1/s", "", "rate at which it decays")
 
     internal_states: ClassVar[int] = 1
 
@@ -188,14 +188,14 @@ class HybridDamper(Law):
     and, of the sharp law, the decision and its clock.
     """
 
-    alpha: Number = quantity("1", "α", "share of the elastic force that is balanced", 1.0)
+    alpha: Number = parameter("1", "α", "share of the elastic force that is balanced", 1.0)
     hydraulic: HydraulicDamper = HydraulicDamper()
     pilot: Pilot = Pilot()
-    mr_force: Number = quantity("N", "", "largest force of the MR device", 406.7, positive=True)
-    mr_current: Number = quantity("A", "", "current of the largest force", 1.5, positive=True)
-    current_lag: Number = quantity("s", "", "time constant of driver and coil", 5e-3, positive=True)
-    travel_width: Number = quantity("m", "", "smooth twin: rounding of the travel's sign", 2e-4, positive=True)
-    velocity_width: Number = quantity("m/s", "", "smooth twin: rounding of the velocity's sign", 5e-3, positive=True)
+    mr_force: Number = parameter("N", "", "largest force of the MR device", 406.7, positive=True)
+    mr_current: Number = parameter("A", "", "current of the largest force", 1.5, positive=True)
+    current_lag: Number = parameter("s", "", "time constant of driver and coil", 5e-3, positive=True)
+    travel_width: Number = parameter("m", "", "smooth twin: rounding of the travel's sign", 2e-4, positive=True)
+    velocity_width: Number = parameter("m/s", "", "smooth twin: rounding of the velocity's sign", 5e-3, positive=True)
     law: Literal["sharp", "smooth"] = twin()
     sample_time: Number = optional("s", "", "time from decision to decision; None: at every step", positive=True, default=1e-3)
 

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..base import smooth
-from ..base.fields import optional, quantity, twin
+from ..base.fields import optional, parameter, twin
 from ..base.typing import Number
 from ..model.damper import HARD, SOFT, Bogies, Law, PassiveDamper, Seen
 from ..model.vehicle import Vehicle
@@ -43,12 +43,12 @@ class Controlled(Law):
     of both (`decision`, `delivered`).
     """
 
-    damping_min: Number = quantity("N s/m", "c_min", "least damping per damper", 0.0)
+    damping_min: Number = parameter("N s/m", "c_min", "least damping per damper", 0.0)
     sensor_lag: Number = optional("s", "τ", "time constant of the sensor; left out: ideal", positive=True)
     actuator_lag: Number = optional("s", "", "time constant of the actuator; left out: ideal", positive=True)
     sample_time: Number = optional("s", "", "time from decision to decision; None: at every step", positive=True, default=1e-3)
-    velocity_width: Number = quantity("m/s", "", "smooth twin: rounding of the velocity's sign", 5e-3, positive=True)
-    signal_width: Number = quantity("1", "", "smooth twin: rounding of the signal's sign, of its scale", 0.02, positive=True)
+    velocity_width: Number = parameter("m/s", "", "smooth twin: rounding of the velocity's sign", 5e-3, positive=True)
+    signal_width: Number = parameter("1", "", "smooth twin: rounding of the signal's sign, of its scale", 0.02, positive=True)
     law: Literal["sharp", "smooth"] = twin()
 
     observes: ClassVar[bool] = True
@@ -152,8 +152,8 @@ class ForceControlled(Controlled):
 class ValveControlled(Controlled):
     """Laws that set a damping between c_min and `damping_max` c_max (N s/m per damper)."""
 
-    damping_min: Number = quantity("N s/m", "c_min", "damping per damper with the valve open", SOFT)
-    damping_max: Number = quantity("N s/m", "c_max", "damping per damper with the valve shut", HARD)
+    damping_min: Number = parameter("N s/m", "c_min", "damping per damper with the valve open", SOFT)
+    damping_max: Number = parameter("N s/m", "c_max", "damping per damper with the valve shut", HARD)
 
     def delivered(self, vehicle: Vehicle, signal: Bogies, velocity: Bogies, opening: Bogies, direction: Bogies) -> Bogies:
         """F = 2 (c_min + (c_max - c_min) g) v."""

@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 
 import jax
 
-from ..base.fields import optional, quantity, twin
+from ..base.fields import optional, parameter, twin
 from ..base.typing import Number
 from ..model.damper import Bogies, Law
 from ..model.suspension import yaw_damper_force
@@ -21,11 +21,11 @@ class MaxwellDamper(Law):
     of the blow-off are sharp or rounded within `blow_off_width` as `law` says.
     """
 
-    damping: Number = quantity("N s/m", "c", "damping per side, up to blow-off", 25e3)
-    series_stiffness: Number = quantity("N/m", "k", "stiffness in series, per side", 5e6, positive=True)
+    damping: Number = parameter("N s/m", "c", "damping per side, up to blow-off", 25e3)
+    series_stiffness: Number = parameter("N/m", "k", "stiffness in series, per side", 5e6, positive=True)
     blow_off_velocity: Number = optional("m/s", "v_0", "velocity at which it blows off")
     damping_beyond: Number = optional("N s/m", "c_b", "damping per side beyond blow-off", positive=True)
-    blow_off_width: Number = quantity("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-3, positive=True)
+    blow_off_width: Number = parameter("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-3, positive=True)
     law: Literal["sharp", "smooth"] = twin()
 
     internal_states: ClassVar[int] = 1

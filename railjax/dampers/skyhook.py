@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base import smooth
 from ..base.errors import InputError
-from ..base.fields import optional, quantity
+from ..base.fields import optional, parameter
 from ..base.typing import Number
 from ..model.damper import HARD, Bogies, Seen
 from ..model.kinematics import of_carbody
@@ -28,7 +28,7 @@ class Skyhook(ValveControlled):
     """
 
     damping: Number = optional("N s/m", "c_sky", "damping per damper of the continuous law; left out: on/off")
-    signal_width: Number = quantity("1", "", "smooth twin: rounding of the signal's sign, of its scale", 0.002, positive=True)
+    signal_width: Number = parameter("1", "", "smooth twin: rounding of the signal's sign, of its scale", 0.002, positive=True)
     signal_scale: ClassVar[float] = 0.1
 
     @classmethod
@@ -113,7 +113,7 @@ class MixedSkyhookADD(ADD):
     m/s^2; the smooth version goes from one to the other within `signal_width` of a_c² - ω² v_c².
     """
 
-    crossover: Number = quantity("rad/s", "ω", "frequency that parts slow from fast motion", 2.0 * np.pi * 1.5)
+    crossover: Number = parameter("rad/s", "ω", "frequency that parts slow from fast motion", 2.0 * np.pi * 1.5)
 
     def signal(self, measured: Bogies, sensed: Bogies | None) -> Bogies:
         """ω v_c where motion is slow, a_c where it is fast."""

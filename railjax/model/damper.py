@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 from ..base.arguments import ARGUMENTS
 from ..base.checks import traced
 from ..base.errors import InputError
-from ..base.fields import LAWS, check_numbers, optional, quantity
+from ..base.fields import LAWS, check_numbers, optional, parameter
 from ..base.typing import Number, Scalar
 from .kinematics import Groups
 from .suspension import blow_off_force
@@ -226,8 +226,8 @@ class PassiveDamper(Law):
 class EquivalentDamper(Law):
     """A spring and a dashpot for each bogie's pair of dampers: what linearisation makes of a law. One number, or one for each bogie, (n, 1)."""
 
-    stiffness: Number = quantity("N/m", "k", "stiffness of a bogie's pair of dampers", signed=True)
-    damping: Number = quantity("N s/m", "c", "damping of a bogie's pair of dampers", signed=True)
+    stiffness: Number = parameter("N/m", "k", "stiffness of a bogie's pair of dampers", signed=True)
+    damping: Number = parameter("N s/m", "c", "damping of a bogie's pair of dampers", signed=True)
 
     linear: ClassVar[bool] = True
 

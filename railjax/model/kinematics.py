@@ -146,8 +146,8 @@ def deflections(vehicle: Vehicle, q: Groups) -> Groups:
     """
     geometry = vehicle.geometry
     y, psi = q["wheelset_y"], q["wheelset_psi"]
-    held = jnp.zeros(y.shape[:1] + y.shape[2:], y.dtype)
-    q = {name: q.get(name, held) for name in UNITS} | {"wheelset_y": y, "wheelset_psi": psi}
+    still = jnp.zeros(y.shape[:1] + y.shape[2:], y.dtype)
+    q = {name: q.get(name, still) for name in UNITS} | {"wheelset_y": y, "wheelset_psi": psi}
     carbody_psi, carbody_phi, bogie_y, bogie_psi, bogie_phi = (
         q[name] for name in ("carbody_psi", "carbody_phi", "bogie_y", "bogie_psi", "bogie_phi")
     )

@@ -13,7 +13,7 @@ from typing import Literal, get_args
 
 import jax
 
-from ..base.fields import LAWS, optional, quantity, structure, table
+from ..base.fields import LAWS, optional, parameter, structure, table
 from ..base.typing import Number
 
 HELD = "true: it does not move, and its mass and inertias are not needed"
@@ -24,9 +24,9 @@ HELD = "true: it does not move, and its mass and inertias are not needed"
 class CarBody:
     """Car body: lateral y_c, yaw psi_c, roll phi_c. Typical: 25 to 45 t."""
 
-    mass: Number = quantity("kg", "m_c", "car body mass", positive=True)
-    roll_inertia: Number = quantity("kg m^2", "I_cx", "car body roll inertia", positive=True)
-    yaw_inertia: Number = quantity("kg m^2", "I_cz", "car body yaw inertia", positive=True)
+    mass: Number = parameter("kg", "m_c", "car body mass", positive=True)
+    roll_inertia: Number = parameter("kg m^2", "I_cx", "car body roll inertia", positive=True)
+    yaw_inertia: Number = parameter("kg m^2", "I_cz", "car body yaw inertia", positive=True)
     held: bool = structure(False, HELD)
 
 
@@ -35,9 +35,9 @@ class CarBody:
 class Bogie:
     """Bogie frame: lateral y_b, yaw psi_b, roll phi_b. Typical: 2 to 4 t."""
 
-    mass: Number = quantity("kg", "m_b", "bogie frame mass", positive=True)
-    roll_inertia: Number = quantity("kg m^2", "I_bx", "bogie frame roll inertia", positive=True)
-    yaw_inertia: Number = quantity("kg m^2", "I_bz", "bogie frame yaw inertia", positive=True)
+    mass: Number = parameter("kg", "m_b", "bogie frame mass", positive=True)
+    roll_inertia: Number = parameter("kg m^2", "I_bx", "bogie frame roll inertia", positive=True)
+    yaw_inertia: Number = parameter("kg m^2", "I_bz", "bogie frame yaw inertia", positive=True)
     held: bool = structure(False, HELD)
 
 
@@ -46,10 +46,10 @@ class Bogie:
 class Wheelset:
     """Wheelset: lateral y_i, yaw psi_i. Table 1 lists I_oy and I_ox; they are the yaw and the spin inertia (reading 3)."""
 
-    mass: Number = quantity("kg", "m_o", "wheelset mass", positive=True)
-    yaw_inertia: Number = quantity("kg m^2", "I_oy", "wheelset yaw inertia", positive=True)
-    wheel_radius: Number = quantity("m", "r_0", "nominal rolling radius", positive=True)
-    spin_inertia: Number = quantity("kg m^2", "I_ox", "wheelset spin inertia (gyroscopic terms only)", 0.0)
+    mass: Number = parameter("kg", "m_o", "wheelset mass", positive=True)
+    yaw_inertia: Number = parameter("kg m^2", "I_oy", "wheelset yaw inertia", positive=True)
+    wheel_radius: Number = parameter("m", "r_0", "nominal rolling radius", positive=True)
+    spin_inertia: Number = parameter("kg m^2", "I_ox", "wheelset spin inertia (gyroscopic terms only)", 0.0)
 
 
 @jax.tree_util.register_dataclass
@@ -57,12 +57,12 @@ class Wheelset:
 class PrimarySuspension:
     """Axle suspension, per axle box. Typical: 1 to 40 MN/m longitudinally, 1 to 10 laterally, 0.5 to 1.5 vertically."""
 
-    stiffness_x: Number = quantity("N/m", "k_ox", "primary longitudinal stiffness")
-    stiffness_y: Number = quantity("N/m", "k_oy", "primary lateral stiffness")
-    stiffness_z: Number = quantity("N/m", "k_oz", "primary vertical stiffness")
-    damping_x: Number = quantity("N s/m", "rho_ox", "primary longitudinal damping", 0.0)
-    damping_y: Number = quantity("N s/m", "rho_oy", "primary lateral damping", 0.0)
-    damping_z: Number = quantity("N s/m", "rho_oz", "primary vertical damping", 0.0)
+    stiffness_x: Number = parameter("N/m", "k_ox", "primary longitudinal stiffness")
+    stiffness_y: Number = parameter("N/m", "k_oy", "primary lateral stiffness")
+    stiffness_z: Number = parameter("N/m", "k_oz", "primary vertical stiffness")
+    damping_x: Number = parameter("N s/m", "rho_ox", "primary longitudinal damping", 0.0)
+    damping_y: Number = parameter("N s/m", "rho_oy", "primary lateral damping", 0.0)
+    damping_z: Number = parameter("N s/m", "rho_oz", "primary vertical damping", 0.0)
 
 
 @jax.tree_util.register_dataclass
@@ -70,13 +70,13 @@ class PrimarySuspension:
 class SecondarySuspension:
     """Central suspension, per side of a bogie; damping_x is the yaw damper. The anti-roll bar is per bogie."""
 
-    stiffness_x: Number = quantity("N/m", "k_cx", "secondary longitudinal stiffness")
-    stiffness_y: Number = quantity("N/m", "k_cy", "secondary lateral stiffness")
-    stiffness_z: Number = quantity("N/m", "k_cz", "secondary vertical stiffness")
-    damping_x: Number = quantity("N s/m", "rho_cx", "secondary longitudinal (yaw) damping", 0.0)
-    damping_y: Number = quantity("N s/m", "rho_cy", "secondary lateral damping", 0.0)
-    damping_z: Number = quantity("N s/m", "rho_cz", "secondary vertical damping", 0.0)
-    anti_roll_stiffness: Number = quantity("N m/rad", "k_ar", "anti-roll bar stiffness", 0.0)
+    stiffness_x: Number = parameter("N/m", "k_cx", "secondary longitudinal stiffness")
+    stiffness_y: Number = parameter("N/m", "k_cy", "secondary lateral stiffness")
+    stiffness_z: Number = parameter("N/m", "k_cz", "secondary vertical stiffness")
+    damping_x: Number = parameter("N s/m", "rho_cx", "secondary longitudinal (yaw) damping", 0.0)
+    damping_y: Number = parameter("N s/m", "rho_cy", "secondary lateral damping", 0.0)
+    damping_z: Number = parameter("N s/m", "rho_cz", "secondary vertical damping", 0.0)
+    anti_roll_stiffness: Number = parameter("N m/rad", "k_ar", "anti-roll bar stiffness", 0.0)
 
 
 @jax.tree_util.register_dataclass
@@ -92,12 +92,12 @@ class YawDamper:
     below v_0 √(c_b/c).
     """
 
-    damping: Number = quantity("N s/m", "c_y", "yaw damper's damping up to blow-off", positive=True)
-    half_distance: Number = quantity("m", "d_y", "half the lateral distance of the yaw dampers", positive=True)
+    damping: Number = parameter("N s/m", "c_y", "yaw damper's damping up to blow-off", positive=True)
+    half_distance: Number = parameter("m", "d_y", "half the lateral distance of the yaw dampers", positive=True)
     blow_off_velocity: Number = optional("m/s", "v_0", "velocity at which the yaw damper blows off", positive=True)
     damping_beyond: Number = optional("N s/m", "c_b", "yaw damper's damping beyond blow-off")
     series_stiffness: Number = optional("N/m", "k_y", "stiffness in series with the yaw damper", positive=True)
-    blow_off_width: Number = quantity("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-4)
+    blow_off_width: Number = parameter("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-4)
 
 
 @jax.tree_util.register_dataclass
@@ -114,7 +114,7 @@ class LateralDamper:
     damping_beyond: Number = optional("N s/m", "c_b", "lateral damper's damping beyond blow-off")
     carbody_height: Number = optional("m", "h_cd", "car body centre above the lateral damper", signed=True)
     bogie_to_damper: Number = optional("m", "h_bd", "bogie centre to the lateral damper", signed=True)
-    blow_off_width: Number = quantity("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-3)
+    blow_off_width: Number = parameter("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-3)
 
 
 @jax.tree_util.register_dataclass
@@ -128,7 +128,7 @@ class BumpStop:
 
     travel: Number = table("m", "", "travels of the bump stop's table")
     force: Number = table("N", "", "forces of the bump stop's table")
-    width: Number = quantity("m", "", "smooth twin: rounding of the table's corners", 1e-4)
+    width: Number = parameter("m", "", "smooth twin: rounding of the table's corners", 1e-4)
 
 
 @jax.tree_util.register_dataclass
@@ -138,14 +138,14 @@ class Geometry:
     (1, 0, -1) three axles in a bogie, (0,) a single one. Leading ones first. The secondary vertical dampers stand with the
     springs unless `half_vertical_damper` says otherwise; `carbody_to_floor` is where the floor's acceleration is recorded."""
 
-    half_wheelbase: Number = quantity("m", "a", "half the bogie's wheelbase")
-    half_pivot_distance: Number = quantity("m", "l", "half the distance between bogies")
-    half_gauge: Number = quantity("m", "e", "half the distance between the contact points", positive=True)
-    half_primary: Number = quantity("m", "d_o", "half the lateral distance of the primary springs")
-    half_secondary: Number = quantity("m", "d_c", "half the lateral distance of the secondary springs")
-    carbody_height: Number = quantity("m", "h_cc", "car body centre above the secondary suspension", signed=True)
-    bogie_to_primary: Number = quantity("m", "h_ob", "bogie centre to the axle suspension", signed=True)
-    bogie_to_secondary: Number = quantity("m", "h_cb", "bogie centre to the secondary suspension", signed=True)
+    half_wheelbase: Number = parameter("m", "a", "half the bogie's wheelbase")
+    half_pivot_distance: Number = parameter("m", "l", "half the distance between bogies")
+    half_gauge: Number = parameter("m", "e", "half the distance between the contact points", positive=True)
+    half_primary: Number = parameter("m", "d_o", "half the lateral distance of the primary springs")
+    half_secondary: Number = parameter("m", "d_c", "half the lateral distance of the secondary springs")
+    carbody_height: Number = parameter("m", "h_cc", "car body centre above the secondary suspension", signed=True)
+    bogie_to_primary: Number = parameter("m", "h_ob", "bogie centre to the axle suspension", signed=True)
+    bogie_to_secondary: Number = parameter("m", "h_cb", "bogie centre to the secondary suspension", signed=True)
     half_vertical_damper: Number = optional("m", "d_v", "half the lateral distance of the secondary vertical dampers")
     carbody_to_floor: Number = optional("m", "h_cf", "car body centre above the floor")
     bogie_pattern: tuple[float, ...] = structure((1.0, -1.0), "where the bogies are, from front to rear, in half pivot distances")
@@ -162,17 +162,17 @@ class Contact:
     creep, no flange: the model of eqs. (2)-(4)).
     """
 
-    creep_longitudinal: Number = quantity("N", "f_11", "longitudinal creep coefficient")
-    creep_lateral: Number = quantity("N", "f_33", "lateral creep coefficient")
-    conicity: Number = quantity("1", "lambda", "effective conicity", signed=True)
-    wheel_load: Number = quantity("N", "Q", "load on one wheel", positive=True)
-    friction: Number = quantity("1", "mu", "coefficient of friction", positive=True)
-    flange_stiffness: Number = quantity("N/m", "k_f", "flange-rail stiffness")
-    flange_clearance: Number = quantity("m", "delta", "half width of the flange's dead band")
-    creep_lateral_spin: Number = quantity("N m", "f_12", "lateral/spin creep coefficient", 0.0)
-    creep_spin: Number = quantity("N m^2", "f_22", "spin creep coefficient", 0.0)
-    creep_width: Number = quantity("1", "", "smooth twin: rounding of u at zero creep", 0.01)
-    flange_width: Number = quantity("m", "", "smooth twin: rounding of the dead band's corners", 1e-4)
+    creep_longitudinal: Number = parameter("N", "f_11", "longitudinal creep coefficient")
+    creep_lateral: Number = parameter("N", "f_33", "lateral creep coefficient")
+    conicity: Number = parameter("1", "lambda", "effective conicity", signed=True)
+    wheel_load: Number = parameter("N", "Q", "load on one wheel", positive=True)
+    friction: Number = parameter("1", "mu", "coefficient of friction", positive=True)
+    flange_stiffness: Number = parameter("N/m", "k_f", "flange-rail stiffness")
+    flange_clearance: Number = parameter("m", "delta", "half width of the flange's dead band")
+    creep_lateral_spin: Number = parameter("N m", "f_12", "lateral/spin creep coefficient", 0.0)
+    creep_spin: Number = parameter("N m^2", "f_22", "spin creep coefficient", 0.0)
+    creep_width: Number = parameter("1", "", "smooth twin: rounding of u at zero creep", 0.01)
+    flange_width: Number = parameter("m", "", "smooth twin: rounding of the dead band's corners", 1e-4)
     law: Literal["sharp", "smooth", "linear"] = structure("sharp", '"sharp", "smooth" or "linear"', (*LAWS, "linear"))
 
 

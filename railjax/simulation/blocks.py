@@ -20,7 +20,7 @@ from ..base.compilation import QUICK, one_kernel, options
 from ..base.fields import structure
 from ..base.packing import Packed
 from .channels import CHANNELS, parse_reduction, rows_of_motion, rows_of_state, shape_of
-from .integrate import STATES, Block, Plan, Progress, Run, advance, burst_of, read
+from .integrate import STATES, Block, Integrated, Plan, Progress, advance, burst_of, read
 
 #: samples of a block, the same for runs of any length; of a batch fewer, what takes about `ROOM` bytes
 FEWEST_SAMPLES, SAMPLES = 64, 1024
@@ -106,10 +106,10 @@ def room_for(bytes_of_sample: int, lanes: int | None) -> int:
 
 
 @functools.cache
-def _block(block: Block) -> Callable[[tuple], tuple[Run, Progress]]:
+def _block(block: Block) -> Callable[[tuple], tuple[Integrated, Progress]]:
     """One run, or all lanes of a chunk together; the same object for the same block."""
 
-    def function(*trees: Any) -> tuple[Run, Progress]:
+    def function(*trees: Any) -> tuple[Integrated, Progress]:
         *parameters, progress, dt, settle, first, count, bursts = trees
         shape = progress.diverged.shape
         x = progress.x
@@ -122,14 +122,14 @@ def _block(block: Block) -> Callable[[tuple], tuple[Run, Progress]]:
 
 
 @functools.cache
-def _block_alone(block: Block) -> Callable[..., tuple[Run, Progress]]:
+def _block_alone(block: Block) -> Callable[..., tuple[Integrated, Progress]]:
     kernel = one_kernel(lambda packed, *rest: _block(block)(*packed.unpacked(), *rest))
     return jax.jit(kernel, compiler_options=options(QUICK))
 
 
 def finished(
     parameters: tuple, x: np.ndarray, dt: float, settle: float, plan: Plan, lanes: int | None, chunk: int | None
-) -> tuple[Run, Sampled | None]:
+) -> tuple[Integrated, Sampled | None]:
     """The run of `parameters` (vehicle, damper, speed, track: trees of arrays) from the state x, and its states where they are kept."""
     vehicle, dtype = parameters[0], x.dtype
     chunk = chunk_for(dtype) if chunk is None else chunk
@@ -150,7 +150,7 @@ def finished(
     else:
         own = {len(parameters): Progress(1, tuple(s.ndim - 1 for s in sums), 0)}
 
-        def work(*rest: Any) -> tuple[Run, Progress]:
+        def work(*rest: Any) -> tuple[Integrated, Progress]:
             return Batch.of(*parameters, *rest, own=own).in_chunks(_block(block), chunk, spread=True)
 
     pieces, states = [], []
@@ -172,7 +172,7 @@ def finished(
     return wheelsets_flat(run._replace(records=joined(pieces)), len(along)), sampled
 
 
-def wheelsets_flat(result: Run, lanes: int) -> Run:
+def wheelsets_flat(result: Integrated, lanes: int) -> Integrated:
     """Records and reductions with wheelsets (n, m) as one axis n·m; what has it already stays."""
 
     def flat(name: str, values: Any, lead: int) -> Any:

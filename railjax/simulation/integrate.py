@@ -41,7 +41,7 @@ class Plan(NamedTuple):
     reduce: tuple[str, ...]
 
 
-class Run(NamedTuple):
+class Integrated(NamedTuple):
     """What a run leaves: records (samples, ..., *lanes), reductions and the final state."""
 
     records: dict[str, Float[Array, "samples ..."]]
@@ -162,7 +162,7 @@ def _sound(parts: list[Array]) -> Bool[Array, "..."]:
     return _within(parts) & (jnp.max(jnp.abs(parts[1]), axis=0) < FASTEST) & jnp.all(jnp.isfinite(parts[2]), axis=0)
 
 
-def run(
+def integrated(
     vehicle: Vehicle,
     damper: Damper,
     speed: Speed,
@@ -172,7 +172,7 @@ def run(
     settle: Scalar,
     plan: Plan,
     holds: Bool[Array, "..."] | None = None,
-) -> Run:
+) -> Integrated:
     """Integrate from state x; every leaf may carry trailing lanes. `settle` seconds are left out of the reductions.
 
     For what is transformed: differentiable in reverse mode, a length compiled on its own. A lane without a number or from far beyond
@@ -218,7 +218,7 @@ def run(
     records = {name: value.reshape((plan.samples, *value.shape[2:])) for name, value in records.items()}
     totals = stepper.totals(plan.reduce, sums, plan.samples * plan.every, x.dtype)
     totals, x = nan_unless(sound, (totals, jnp.concatenate(parts)))
-    return Run(records, totals, x, ~(sound & _within(parts)))
+    return Integrated(records, totals, x, ~(sound & _within(parts)))
 
 
 def advance(
@@ -233,8 +233,8 @@ def advance(
     count: Int[Array, ""],
     bursts: Int[Array, ""],
     block: Block,
-) -> tuple[Run, Progress]:
-    """`run` from the sample `first` on for `count` samples, `bursts` bursts apart: of any length, but without a reverse mode.
+) -> tuple[Integrated, Progress]:
+    """`integrated` from the sample `first` on for `count` samples, `bursts` bursts apart: of any length, but without a reverse mode.
 
     The records have room for `block.samples`, of which the first `count` are filled.
     """
@@ -255,7 +255,7 @@ def advance(
     (parts, sums), diverged, records = jax.lax.fori_loop(0, count, sample, start)
     totals = stepper.totals(block.reduce, sums, (first + count) * bursts * block.burst, x.dtype)
     x, diverged = jnp.concatenate(parts), diverged | ~_within(parts) | _no_number(vehicle, damper, speed, track, dt, settle)
-    return Run(records, totals, x, diverged), Progress(x, sums, diverged)
+    return Integrated(records, totals, x, diverged), Progress(x, sums, diverged)
 
 
 def read(
@@ -270,7 +270,7 @@ def read(
     every: Int[Array, ""],
 ) -> Float[Array, "samples rows *lanes"]:
     """All channels that are not coordinates or rates, one below the other in the order of `rows_of_motion`, at the samples from
-    `first` on, `every` steps apart; the first `count` of them are read, each as `run` would have done."""
+    `first` on, `every` steps apart; the first `count` of them are read, each as `integrated` would have done."""
     names = tuple(rows_of_motion(vehicle))
     stepper = _Stepper(vehicle, damper, speed, track, states[0], dt, 0.0, 1, (), looped=True)
 

@@ -24,7 +24,7 @@ from ..model.track.shapes import TangentTrack, Track
 from ..model.vehicle import Vehicle
 from .blocks import Sampled, finished, lane_shape, wheelsets_flat
 from .channels import CHANNELS, check_channel, has_channel, parse_reduction
-from .integrate import Plan, Run, run
+from .integrate import Integrated, Plan, integrated
 from .result import Result, Simulation
 from .speed import Speed, SpeedProfile, a_speed
 from .step_size import STABLE_RADIUS, fastest_rate, fastest_rate_on_host
@@ -101,7 +101,7 @@ def simulate(
 
 def _known(
     parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, chunk: int
-) -> tuple[Run, np.ndarray, Sampled | None]:
+) -> tuple[Integrated, np.ndarray, Sampled | None]:
     """Numbers that are known: what need not be compiled is done by NumPy."""
     vehicle, damper, speed, _ = parameters
     x = np.asarray(x)
@@ -123,7 +123,7 @@ def _known(
     return result, code, sampled
 
 
-def _traced(parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, chunk: int) -> tuple[Run, Array, None]:
+def _traced(parameters: tuple, x: Array, dt: float, settle: float, plan: Plan, chunk: int) -> tuple[Integrated, Array, None]:
     """Inside `jit`, `vmap` or `grad`: one program with the rest of what is transformed."""
     vehicle, damper, speed, _ = parameters
     fastest = _fastest(vehicle, speed, damper, STABLE_RADIUS / dt, spread=False)
@@ -148,19 +148,19 @@ def _batch(*trees: Any) -> Batch:
 
 
 @functools.cache
-def _run(plan: Plan, guarded: bool) -> Callable[[tuple], tuple[Run, Array]]:
+def _run(plan: Plan, guarded: bool) -> Callable[[tuple], tuple[Integrated, Array]]:
     """One run, or all lanes of a chunk together; the same object for the same plan. With `guarded` a lane whose dt is too large is not
     computed: it would spoil derivatives. Without them that is not worth the wait for the check of dt."""
 
     @jax.jit
-    def function(*trees: Any) -> tuple[Run, Array]:
+    def function(*trees: Any) -> tuple[Integrated, Array]:
         axes, x = _batch(*trees).axes, trees[4]
         *parameters, dt, settle, holds = (jax.tree.map(lambda leaf: jnp.asarray(leaf, x.dtype), tree) for tree in trees)
         vehicle, damper, speed, track, _ = parameters
         shape = jnp.broadcast_shapes(*[lane_shape(t, a) for t, a in zip(trees, axes, strict=True)])
         x = jnp.broadcast_to(x.reshape(x.shape + (1,) * (len(shape) + 1 - x.ndim)), (x.shape[0], *shape))
         result = wheelsets_flat(
-            run(vehicle, damper, speed, track, x, dt, settle, plan, holds > 0.0 if guarded else None), len(shape)
+            integrated(vehicle, damper, speed, track, x, dt, settle, plan, holds > 0.0 if guarded else None), len(shape)
         )
         return result, jnp.where(result.diverged, int(Result.DIVERGED), int(Result.OK))
 

@@ -131,7 +131,7 @@ def _found(lanes: int | None, trees: tuple, lowest: Scalar, highest: Scalar) -> 
 @_found.defjvp
 def _derivative(lanes: int | None, primals: tuple, tangents: tuple) -> tuple:
     found, crossing = _found(lanes, *primals)
-    speed, omega, frequency = _rates(lanes, primals[0], tangents[0], _held(crossing), found.code)
+    speed, omega, frequency = _rates(lanes, primals[0], tangents[0], _constant(crossing), found.code)
     of_found, of_crossing = jax.tree.map(jnp.zeros_like, (found, crossing))
     of_found = of_found._replace(speed=speed, frequency=frequency, code=np.zeros(found.code.shape, jax.dtypes.float0))
     return (found, crossing), (of_found, of_crossing._replace(speed=speed, omega=omega))
@@ -156,11 +156,11 @@ def _rates(
 
 
 @jax.custom_jvp
-def _held(crossing: Crossing) -> Crossing:
+def _constant(crossing: Crossing) -> Crossing:
     return crossing
 
 
-@_held.defjvp
+@_constant.defjvp
 def _refused(primals: tuple, tangents: tuple) -> tuple:
     # eigenvectors are taken as constants in the first derivative, so its own derivative would be wrong
     raise NotImplementedError("second derivatives of the linear critical speed")

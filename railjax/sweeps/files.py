@@ -22,7 +22,7 @@ from ..model.track.named import TRACKS, make_track
 from ..model.vehicle import PARTS, Vehicle
 from ..vehicles.files import load_vehicle
 from .points import DESIGNS, MOST_POINTS, SAMPLED, SCALES
-from .ready_made import STUDIES, arguments_of
+from .ready_made import READY_MADE, arguments_of
 
 SPEEDS = {"speed_kmh": 1.0 / KMH, "speed_m_per_s": 1.0}
 TOP = ("study", "vehicle", "design", "samples", "seed", "chunk", "options", "track", "damper", "over", *SPEEDS)
@@ -81,8 +81,8 @@ def _read(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
     for key in raw:
         if key not in TOP:
             raise InputError(f"unknown key {key!r}{nearest(key, TOP)}")
-    kind = _one_of(raw, "study", tuple(STUDIES))
-    takes = arguments_of(STUDIES[kind].__call__)
+    kind = _one_of(raw, "study", tuple(READY_MADE))
+    takes = arguments_of(READY_MADE[kind].__call__)
     found: dict[str, Any] = {"study": _study(kind, _table(raw, "options"))}
     if not isinstance(raw.get("vehicle"), str):
         raise InputError('missing key vehicle, like vehicle = "coach"')
@@ -128,12 +128,12 @@ def _table(raw: dict[str, Any], key: str) -> dict[str, Any]:
 
 def _study(kind: str, options: dict[str, Any]) -> Any:
     values: dict[str, Any] = {}
-    if "initial" in options and "initial" in {f.name for f in dataclasses.fields(STUDIES[kind])}:
+    if "initial" in options and "initial" in {f.name for f in dataclasses.fields(READY_MADE[kind])}:
         values["initial"] = _initial(options["initial"])
         options = {key: value for key, value in options.items() if key != "initial"}
-    if options and not dataclasses.fields(STUDIES[kind]):
+    if options and not dataclasses.fields(READY_MADE[kind]):
         raise InputError(f"unknown key options.{next(iter(options))}: the study {kind!r} has no options")
-    return STUDIES[kind](**values, **given_fields(STUDIES[kind], options, "options"))
+    return READY_MADE[kind](**values, **given_fields(READY_MADE[kind], options, "options"))
 
 
 def _initial(table: Any) -> dict[str, float]:

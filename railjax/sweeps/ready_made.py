@@ -15,7 +15,7 @@ from jaxtyping import Array
 
 from ..base.arguments import guarded
 from ..base.batches import Batch
-from ..base.fields import quantity
+from ..base.fields import parameter
 from ..base.precision import require_double_precision
 from ..base.typing import Scalar
 from ..model.damper import Damper
@@ -42,9 +42,9 @@ class ForcedRun:
     """
 
     reduce: tuple[str, ...] = ("rms:carbody_acceleration",)
-    duration: float = quantity("s", "", "duration of the run", 10.0, positive=True)
-    dt: float = quantity("s", "", "step of RK4", 1e-3, positive=True)
-    settle: float = quantity("s", "", "time before the reductions begin", 0.0)
+    duration: float = parameter("s", "", "duration of the run", 10.0, positive=True)
+    dt: float = parameter("s", "", "step of RK4", 1e-3, positive=True)
+    settle: float = parameter("s", "", "time before the reductions begin", 0.0)
     initial: Any = None
 
     chunk: ClassVar[int] = 4096
@@ -126,7 +126,7 @@ def _least_damped(trees: tuple) -> LeastDamped:
     return batch.in_chunks(lambda *chunk: Batch.of(*chunk).each(single), chunk=1)
 
 
-class Forced(IntEnum):
+class Stationary(IntEnum):
     """Whether the linearised vehicle has a stationary response."""
 
     OK = 0
@@ -141,7 +141,7 @@ class RideComfort:
     spectrum: str = "erri-high"
 
     units: ClassVar[dict[str, str]] = {"weighted_rms": "m/s^2", "mean_comfort": "1", "sperling": "1"}
-    codes: ClassVar[type[IntEnum]] = Forced
+    codes: ClassVar[type[IntEnum]] = Stationary
     chunk: ClassVar[int] = 256
 
     def __call__(self, vehicle: Vehicle, speed: Scalar, damper: Damper = PASSIVE) -> dict[str, Array]:
@@ -149,11 +149,13 @@ class RideComfort:
         response = frequency_response(vehicle, speed, self.spectrum, damper=damper, record=("floor_acceleration",))
         found = [jnp.max(values, axis=0) for values in spectral_comfort(response)]
         stable = response.growth < 0.0
-        return dict(zip(self.units, found, strict=True)) | {"code": jnp.where(stable, int(Forced.OK), int(Forced.UNSTABLE))}
+        return dict(zip(self.units, found, strict=True)) | {
+            "code": jnp.where(stable, int(Stationary.OK), int(Stationary.UNSTABLE))
+        }
 
 
 #: ready-made studies by the names that study files use
-STUDIES: dict[str, type] = {
+READY_MADE: dict[str, type] = {
     "forced-run": ForcedRun,
     "critical-speed": CriticalSpeed,
     "nonlinear-critical-speed": NonlinearCriticalSpeed,

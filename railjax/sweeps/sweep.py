@@ -39,7 +39,7 @@ from .chunks import Computed, Job, compute
 from .fingerprint import described, lines
 from .names import check_range, owner, unit_of
 from .points import SAMPLED, Blocks, Design, make_design
-from .ready_made import STUDIES, arguments_of
+from .ready_made import READY_MADE, arguments_of
 from .store import SweepStore
 from .workers import Settings, in_workers
 
@@ -199,7 +199,7 @@ def _check_work(largest: Any, executor: Any, in_flight: int | None) -> None:
 def _check(study: Callable[..., Any], given: dict[str, Any], design: Design) -> None:
     """Refuse a study that is none, arguments that it does not take or lacks, and names and values that cannot be."""
     if isinstance(study, type) or not callable(study):
-        known = ", ".join(kind.__name__ for kind in STUDIES.values())
+        known = ", ".join(kind.__name__ for kind in READY_MADE.values())
         raise InputError(f"study must be a function or an object like {known} with its options, as in CriticalSpeed()")
     if not isinstance(given.get("vehicle"), Vehicle | None):
         raise InputError('vehicle must be a Vehicle: railjax.load_vehicle("coach") makes one')

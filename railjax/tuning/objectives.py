@@ -152,7 +152,7 @@ def linear_critical_speed(highest: Scalar = linear.HIGHEST, harmonic_hz: float |
     """
     if not (np.isfinite(highest) and highest > linear.LOWEST):
         raise InputError(f"highest must be above {linear.LOWEST:g} m/s, not {highest}")
-    return LinearCriticalSpeed(float(highest), _frequency(harmonic_hz))
+    return HighestLinearCritical(float(highest), _frequency(harmonic_hz))
 
 
 def nonlinear_critical_speed(steps: int | None = None) -> Quantity:
@@ -164,7 +164,7 @@ def nonlinear_critical_speed(steps: int | None = None) -> Quantity:
     1 km/h of where simulations with the sharp law begin to hunt; that of its describing function up to 2.4 km/h too high). They
     need a least damping: undamped to small motions, the twin is unstable where the controlled vehicle is not.
     """
-    return NonlinearCriticalSpeed(critical.FEWEST_STEPS if steps is None else int(steps))
+    return HighestNonlinearCritical(critical.FEWEST_STEPS if steps is None else int(steps))
 
 
 def _frequency(harmonic_hz: Any) -> float | None:
@@ -197,7 +197,7 @@ def describing(damper: Damper, vehicle: Vehicle, harmonic_hz: float | None) -> D
 
 def least_damping(speed: Scalar) -> Quantity:
     """Damping ratio of the least damped mode at a speed (m/s), negative where it is unstable."""
-    return LeastDamping(float(_one(speed)))
+    return GreatestDamping(float(_one(speed)))
 
 
 def limit_cycle_amplitude(speed: Scalar, steps: int = critical.FEWEST_STEPS) -> Quantity:
@@ -217,7 +217,7 @@ def _one(speed: Any) -> float:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class LinearCriticalSpeed(Quantity):
+class HighestLinearCritical(Quantity):
     """See `linear_critical_speed`."""
 
     highest: float = structure(linear.HIGHEST)
@@ -238,7 +238,7 @@ class LinearCriticalSpeed(Quantity):
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class NonlinearCriticalSpeed(Quantity):
+class HighestNonlinearCritical(Quantity):
     """See `nonlinear_critical_speed`."""
 
     steps: int = structure(critical.FEWEST_STEPS)
@@ -261,7 +261,7 @@ class NonlinearCriticalSpeed(Quantity):
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, eq=False)
-class LeastDamping(Quantity):
+class GreatestDamping(Quantity):
     """See `least_damping`."""
 
     speed: Number

@@ -126,7 +126,7 @@ def pareto(
     objective, constraints = checked(objective, constraints, damper)
     against, _ = checked(against, (), damper)
     space = DesignSpace.of(vehicle, damper, parameters)
-    search = _Search(space, objective, against, constraints, tolerance)
+    search = _Descents(space, objective, against, constraints, tolerance)
     low, high = search.ends()
     found = search.between(low, high, points)
     rows = [(*search.values(x), not missed, x) for x, missed in found]
@@ -153,7 +153,7 @@ def pareto(
     )
 
 
-class _Search:
+class _Descents:
     """The descents that make a front, from the vehicle itself on, and how many evaluations they took."""
 
     def __init__(
@@ -178,15 +178,15 @@ class _Search:
             self.both.check(x)
         return found
 
-    def alone(self, of: Quantity, held: list[Constraint]) -> Evaluator:
+    def alone(self, of: Quantity, under: list[Constraint]) -> Evaluator:
         """Of one of the two quantities."""
-        evaluate = Evaluator(self.space, of, held)
+        evaluate = Evaluator(self.space, of, under)
         evaluate.scale = self.scales[0 if of is self.objective else 1]
         return evaluate
 
-    def best(self, of: Quantity, held: list[Constraint], x: np.ndarray) -> minimise.Descent:
+    def best(self, of: Quantity, under: list[Constraint], x: np.ndarray) -> minimise.Descent:
         """The best of one quantity from the start x, the others held."""
-        found = minimise.slsqp(self.alone(of, held), x, self.tolerance, MOST_STEPS)
+        found = minimise.slsqp(self.alone(of, under), x, self.tolerance, MOST_STEPS)
         self.count += found.evaluations
         return found
 
@@ -209,16 +209,16 @@ class _Search:
         limits = [self.values(end.x)[1] for end in (low, high)]
         found = [(low.x, bool(low.failure))]
         for limit in np.linspace(*limits, points)[1:-1]:
-            held = [dataclasses.replace(self.bound, limit=float(limit)), *self.constraints]
+            under = [dataclasses.replace(self.bound, limit=float(limit)), *self.constraints]
             before = [x for x, _ in found[-2:]]
             # on from the two points before
-            point = self.best(self.objective, held, np.clip(2.0 * before[-1] - before[0], 0.0, 1.0))
+            point = self.best(self.objective, under, np.clip(2.0 * before[-1] - before[0], 0.0, 1.0))
             if point.failure:
-                point = self.best(self.objective, held, before[-1])
+                point = self.best(self.objective, under, before[-1])
             found.append((point.x, bool(point.failure)))
         # the best `against` may be had with more than one design: the best objective of these
-        held = [dataclasses.replace(self.bound, limit=limits[1]), *self.constraints]
-        last = self.best(self.objective, held, high.x)
+        under = [dataclasses.replace(self.bound, limit=limits[1]), *self.constraints]
+        last = self.best(self.objective, under, high.x)
         return [*found, (high.x if last.failure else last.x, False)]
 
 

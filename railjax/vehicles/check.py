@@ -19,7 +19,7 @@ from ..model.parameters import parameters
 from ..model.vehicle import Vehicle
 from ..simulation.integrate import largest_step
 from ..stability.linear_critical import linear_critical_speed
-from .ranges import RANGES, Finding
+from .ranges import RANGES, Remark
 
 GRAVITY = 9.81
 STEP = 1e-3  # s, the default of `simulate`
@@ -32,11 +32,11 @@ class VehicleCheck:
     """What `check_vehicle` found: of the parameters that have a range, and of what follows from them."""
 
     vehicle: str
-    parameters: tuple[Finding, ...]
-    derived: tuple[Finding, ...]
+    parameters: tuple[Remark, ...]
+    derived: tuple[Remark, ...]
 
     @property
-    def warnings(self) -> tuple[Finding, ...]:
+    def warnings(self) -> tuple[Remark, ...]:
         """Those that are doubtful."""
         return tuple(entry for entry in (*self.parameters, *self.derived) if entry.doubtful)
 
@@ -74,7 +74,7 @@ def check_vehicle(vehicle: Vehicle, *, dynamics: bool = True) -> VehicleCheck:
     return VehicleCheck(vehicle.name, tuple(_values(vehicle)), tuple(found))
 
 
-def _values(vehicle: Vehicle) -> Iterator[Finding]:
+def _values(vehicle: Vehicle) -> Iterator[Remark]:
     """Parameters and their ranges; one that is zero by default may stay zero."""
     unused = _unused(vehicle)
     for path, entry in parameters(vehicle):
@@ -84,7 +84,7 @@ def _values(vehicle: Vehicle) -> Iterator[Finding]:
         value = float(getattr(getattr(vehicle, path.split(".")[0]), entry.name))
         if value == 0.0 and entry.default == 0.0:
             continue
-        yield Finding(path, entry.metadata["meaning"], value, low, high, entry.metadata["unit"], why)
+        yield Remark(path, entry.metadata["meaning"], value, low, high, entry.metadata["unit"], why)
     for part, damping in (("yaw_damper", None), ("lateral_damper", vehicle.secondary.damping_y)):
         valve = getattr(vehicle, part)
         if valve is not None and valve.blow_off_velocity is not None:
@@ -92,11 +92,11 @@ def _values(vehicle: Vehicle) -> Iterator[Finding]:
             # a valve that opens for good, c_b = 0, has no second slope to be lost
             high = float(0.5 * valve.blow_off_velocity * np.sqrt(slopes or 1.0))
             why = f"wider than half of v_0{' sqrt(c_b/c)' if slopes else ''}, the smooth twin is another law"
-            yield Finding(f"{part}.blow_off_width", "rounding of the blow-off", valve.blow_off_width, 0.0, high, "m/s", why)
+            yield Remark(f"{part}.blow_off_width", "rounding of the blow-off", valve.blow_off_width, 0.0, high, "m/s", why)
     if vehicle.bump_stop is not None:
         travel, force = vehicle.bump_stop.travel, vehicle.bump_stop.force
-        yield Finding("bump_stop.travel", "last travel", float(travel[-1]), 0.01, 0.3, "m", "some ten mm are free, then it rises")
-        yield Finding("bump_stop.force", "last force", float(force[-1]), 1e3, 5e6, "N", "it stops the car body")
+        yield Remark("bump_stop.travel", "last travel", float(travel[-1]), 0.01, 0.3, "m", "some ten mm are free, then it rises")
+        yield Remark("bump_stop.force", "last force", float(force[-1]), 1e3, 5e6, "N", "it stops the car body")
 
 
 def _unused(vehicle: Vehicle) -> tuple[str, ...]:
@@ -114,17 +114,17 @@ def _unused(vehicle: Vehicle) -> tuple[str, ...]:
     )
 
 
-def _mechanical(vehicle: Vehicle) -> Iterator[Finding]:
+def _mechanical(vehicle: Vehicle) -> Iterator[Remark]:
     """Weight, static deflections, radii of gyration; of what moves."""
     carbody, bogie, wheelset, load = vehicle.carbody, vehicle.bogie, vehicle.wheelset, vehicle.contact.wheel_load
     bogies, axles = len(vehicle.geometry.bogie_pattern), len(vehicle.geometry.axle_pattern)
-    yield Finding(
+    yield Remark(
         "contact.wheel_load", "axle load", 2.0 * load / GRAVITY, 2e3, 40e3, "kg", "two wheels; 22.5 t is usual at most (recalled)"
     )
     masses = (0.0 if carbody.held else carbody.mass) + bogies * ((0.0 if bogie.held else bogie.mass) + axles * wheelset.mass)
     share = np.divide(masses * GRAVITY, 2.0 * bogies * axles * load)
     why = "all masses times 9.81 m/s^2 rest on the wheels" + (", and what the held bodies weigh" if carbody.held else "")
-    yield Finding(
+    yield Remark(
         "contact.wheel_load",
         "weight of the masses over the wheels' load",
         float(share),
@@ -143,11 +143,11 @@ def _mechanical(vehicle: Vehicle) -> Iterator[Finding]:
         radii.append(("bogie.roll_inertia", bogie.roll_inertia, bogie.mass, 0.3, 1.8, "within the frame's half width, about"))
         radii.append(("bogie.yaw_inertia", bogie.yaw_inertia, bogie.mass, 0.5, 2.5, "within the frame's half length, about"))
         above = 2.0 * axles * load - axles * wheelset.mass * GRAVITY
-        yield Finding(
+        yield Remark(
             "primary.stiffness_z", "static deflection of the primary springs", float(np.divide(above, 2.0 * axles * vehicle.primary.stiffness_z)),
             4e-3, 0.12, "m", "under the wheel load without the wheelset; 20 to 60 mm are usual",
         )  # fmt: skip
-        yield Finding(
+        yield Remark(
             "secondary.stiffness_z", "static deflection of the secondary springs", float(np.divide(above - bogie.mass * GRAVITY, 2.0 * vehicle.secondary.stiffness_z)),
             0.01, 0.7, "m", "under the car body; 100 to 250 mm for coil springs, up to 0.6 m is what the stiffness of air springs would give",
         )  # fmt: skip
@@ -164,7 +164,7 @@ def _mechanical(vehicle: Vehicle) -> Iterator[Finding]:
         )
         radii.append(("carbody.yaw_inertia", carbody.yaw_inertia, carbody.mass, 1.5, 12.0, "a beam of length L has L/3.5"))
     for key, inertia, mass, low, high, why in radii:
-        yield Finding(
+        yield Remark(
             key,
             f"radius of gyration of {key.replace('.', ', ').replace('_inertia', '')}",
             float(np.sqrt(np.divide(inertia, mass))),
@@ -175,7 +175,7 @@ def _mechanical(vehicle: Vehicle) -> Iterator[Finding]:
         )
 
 
-def _carbody_modes(vehicle: Vehicle) -> Iterator[Finding]:
+def _carbody_modes(vehicle: Vehicle) -> Iterator[Remark]:
     """The car body on its secondary suspension while the bogies stand still: (lambda^2 M + lambda C + K) q = 0 of its three coordinates."""
     groups = layout(vehicle)
     if "carbody_y" not in groups:
@@ -193,7 +193,7 @@ def _carbody_modes(vehicle: Vehicle) -> Iterator[Finding]:
         inverse = np.linalg.inv(mass)
         values, vectors = np.linalg.eig(np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ stiffness, -inverse @ damping]]))
     except np.linalg.LinAlgError:  # singular, or not finite
-        yield Finding(
+        yield Remark(
             "carbody", "frequency of the car body's modes", math.nan, 0.2, 4.0, "Hz", "its matrices are beyond floating point"
         )
         return
@@ -206,7 +206,7 @@ def _carbody_modes(vehicle: Vehicle) -> Iterator[Finding]:
         if value.imag == 0.0 and of_yaw and braced:
             continue
         frequency, ratio = abs(value) / (2.0 * math.pi), -value.real / max(abs(value), 1e-300)
-        yield Finding(
+        yield Remark(
             "secondary",
             f"natural frequency of the car body's {name}",
             frequency,
@@ -216,7 +216,7 @@ def _carbody_modes(vehicle: Vehicle) -> Iterator[Finding]:
             "on the secondary suspension, the bogies at rest; 0.4 to 1.5 Hz are usual",
         )
         high = 2.0 if of_yaw and braced else 0.8
-        yield Finding(
+        yield Remark(
             "secondary",
             f"damping ratio of the car body's {name}",
             ratio,
@@ -227,7 +227,7 @@ def _carbody_modes(vehicle: Vehicle) -> Iterator[Finding]:
         )
 
 
-def _creep(vehicle: Vehicle) -> Iterator[Finding]:
+def _creep(vehicle: Vehicle) -> Iterator[Remark]:
     """Creep coefficients over those of Kalker for the wheel load on a usual rail head."""
     contact = vehicle.contact
     try:
@@ -243,13 +243,13 @@ def _creep(vehicle: Vehicle) -> Iterator[Finding]:
         value = float(getattr(contact, name))
         if value == 0.0 and "spin" in name:
             continue
-        yield Finding(
+        yield Remark(
             f"contact.{name}", f"{name.replace('_', ' ')} coefficient over Kalker's", float(np.divide(value, float(kalker[name]))), low, high, "1",
             "Kalker's linear theory for this wheel load on a rail head of 300 mm radius, less with contaminated rails",
         )  # fmt: skip
 
 
-def _dynamic(vehicle: Vehicle) -> Iterator[Finding]:
+def _dynamic(vehicle: Vehicle) -> Iterator[Remark]:
     """Stability from standstill, critical speed, step of the integration."""
     for speed in STANDSTILL:
         matrix = np.asarray(state_matrix(vehicle, speed))
@@ -261,20 +261,20 @@ def _dynamic(vehicle: Vehicle) -> Iterator[Finding]:
             growth = math.nan
         if not growth <= 0.0:
             why = "straight running is unstable at walking pace; look for a stiffness that is missing or for units"
-            yield Finding(
+            yield Remark(
                 "vehicle", f"growth of the least damped mode at {speed * KMH:.1f} km/h", growth, -math.inf, 0.0, "1/s", why
             )
             return
     why = "where straight running gets unstable; 200 km/h and more are usual, much less means soft axle guidance or high conicity"
     try:
         critical = float(linear_critical_speed(vehicle)) * KMH
-        yield Finding("vehicle", "linear critical speed", critical, 90.0, math.inf, "km/h", why)
+        yield Remark("vehicle", "linear critical speed", critical, 90.0, math.inf, "km/h", why)
     except NumericalError as error:
         if "stable up to" not in str(error):
-            yield Finding("vehicle", "linear critical speed", math.nan, 90.0, math.inf, "km/h", str(error))
+            yield Remark("vehicle", "linear critical speed", math.nan, 90.0, math.inf, "km/h", str(error))
     low, high = 0.1, 100.0
     for _ in range(20):
         middle = math.sqrt(low * high)
         low, high = (low, middle) if float(largest_step(vehicle, middle, PassiveDamper())) >= STEP else (middle, high)
     why = "below it simulate refuses its default step of 1 ms and wants a smaller dt; creep damping grows as 1/v, and stiff dampers on light parts do it at any speed"
-    yield Finding("vehicle", "speed from which RK4 holds steps of 1 ms", high * KMH, 0.0, 45.0, "km/h", why)
+    yield Remark("vehicle", "speed from which RK4 holds steps of 1 ms", high * KMH, 0.0, 45.0, "km/h", why)

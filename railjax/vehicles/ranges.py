@@ -62,7 +62,7 @@ RANGES: dict[str, tuple[float, float, str]] = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class Remark:
     """A number (SI) that may or may not lie within its plausible range, and why that is one. NaN where there is no such number."""
 
     key: str

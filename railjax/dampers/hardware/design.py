@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...base.errors import InputError, NumericalError
-from ...base.fields import quantity, structure
+from ...base.fields import parameter, structure
 from ...base.precision import require_double_precision
 from ...base.typing import Number
 from .hydraulics import HydraulicDamper, Pilot, PilotSizes, size_pilot
@@ -31,14 +31,14 @@ from .mr_device import DeviceForces, MrDevice, MrFluid, analyse, check
 class Requirements:
     """What the device must do, and the limits of making it. Iron limit, gap's and poles' limits are assumed, not the paper's."""
 
-    force: Number = quantity("N", "F_max", "required force of the MR device", 343.0, positive=True)
-    velocity: Number = quantity("m/s", "v_max", "maximal velocity of the device's piston", 0.015, positive=True)
-    current: Number = quantity("A", "I", "maximal current", 1.5, positive=True)
-    iron_limit: Number = quantity("T", "B_max", "flux density allowed in the iron", 1.5, positive=True)
-    narrowest_gap: Number = quantity("m", "", "narrowest gap", 0.2e-3, positive=True)
-    widest_gap: Number = quantity("m", "", "widest gap", 2e-3, positive=True)
-    narrowest_pole: Number = quantity("m", "", "narrowest pole", 0.5e-3, positive=True)
-    widest_pole: Number = quantity("m", "", "widest pole", 10e-3, positive=True)
+    force: Number = parameter("N", "F_max", "required force of the MR device", 343.0, positive=True)
+    velocity: Number = parameter("m/s", "v_max", "maximal velocity of the device's piston", 0.015, positive=True)
+    current: Number = parameter("A", "I", "maximal current", 1.5, positive=True)
+    iron_limit: Number = parameter("T", "B_max", "flux density allowed in the iron", 1.5, positive=True)
+    narrowest_gap: Number = parameter("m", "", "narrowest gap", 0.2e-3, positive=True)
+    widest_gap: Number = parameter("m", "", "widest gap", 2e-3, positive=True)
+    narrowest_pole: Number = parameter("m", "", "narrowest pole", 0.5e-3, positive=True)
+    widest_pole: Number = parameter("m", "", "widest pole", 10e-3, positive=True)
     weight: float = structure(0.5)
 
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...base import smooth
-from ...base.fields import quantity
+from ...base.fields import parameter
 from ...base.typing import Number, Scalar
 
 #: Pa in the paper's unit of pressure
@@ -30,10 +30,10 @@ TRANSITION = 1.0
 class HydraulicDamper:
     """The passive damper T50/20x210 that the design starts from (Table 2), with its largest force and the velocity of it."""
 
-    piston_diameter: Number = quantity("m", "d_p", "damper's piston diameter", 0.05, positive=True)
-    rod_diameter: Number = quantity("m", "d_t", "damper's piston rod diameter", 0.02, positive=True)
-    force: Number = quantity("N", "F", "damper's maximal force", 5000.0, positive=True)
-    velocity: Number = quantity("m/s", "v_p", "velocity of the maximal force", 0.1, positive=True)
+    piston_diameter: Number = parameter("m", "d_p", "damper's piston diameter", 0.05, positive=True)
+    rod_diameter: Number = parameter("m", "d_t", "damper's piston rod diameter", 0.02, positive=True)
+    force: Number = parameter("N", "F", "damper's maximal force", 5000.0, positive=True)
+    velocity: Number = parameter("m/s", "v_p", "velocity of the maximal force", 0.1, positive=True)
 
 
 @jax.tree_util.register_dataclass
@@ -44,15 +44,15 @@ class Pilot:
     The spring counts as soft: its force is that of the closed position at every stroke (the paper gives no stiffness).
     """
 
-    diameter: Number = quantity("m", "", "pilot piston diameter", 0.012, positive=True)
-    opening_width: Number = quantity("m", "L_o", "opening's leg across the pilot piston", 6e-3, positive=True)
-    minimum_drop: Number = quantity("Pa", "", "pressure drop of the free circuit", 3e5, positive=True)
-    spring_force: Number = quantity("N", "F_min", "spring force in chamber B", 34.0, positive=True)
-    narrowest_stroke: Number = quantity("m", "c_min", "stroke of the narrowest opening", 0.54e-3, positive=True)
-    widest_stroke: Number = quantity("m", "", "maximal stroke", 2e-3, positive=True)
-    discharge: Number = quantity("1", "c_d", "discharge coefficient of turbulent flow", 0.61, positive=True)
-    density: Number = quantity("kg/m^3", "rho", "density of the hydraulic fluid", 880.0, positive=True)
-    stroke_width: Number = quantity("m", "", "smooth twin: rounding of the stroke's ends", 1e-5)
+    diameter: Number = parameter("m", "", "pilot piston diameter", 0.012, positive=True)
+    opening_width: Number = parameter("m", "L_o", "opening's leg across the pilot piston", 6e-3, positive=True)
+    minimum_drop: Number = parameter("Pa", "", "pressure drop of the free circuit", 3e5, positive=True)
+    spring_force: Number = parameter("N", "F_min", "spring force in chamber B", 34.0, positive=True)
+    narrowest_stroke: Number = parameter("m", "c_min", "stroke of the narrowest opening", 0.54e-3, positive=True)
+    widest_stroke: Number = parameter("m", "", "maximal stroke", 2e-3, positive=True)
+    discharge: Number = parameter("1", "c_d", "discharge coefficient of turbulent flow", 0.61, positive=True)
+    density: Number = parameter("kg/m^3", "rho", "density of the hydraulic fluid", 880.0, positive=True)
+    stroke_width: Number = parameter("m", "", "smooth twin: rounding of the stroke's ends", 1e-5)
 
 
 @jax.tree_util.register_dataclass
@@ -60,15 +60,15 @@ class Pilot:
 class PilotSizes:
     """What `size_pilot` finds; each line carries its symbol and SI unit."""
 
-    area: Number = quantity("m^2", "A_p", "damper's active area")
-    flow: Number = quantity("m^3/s", "Q", "flow at the maximal force")
-    drop: Number = quantity("Pa", "Δp_d", "pressure drop at the maximal force")
-    smallest_opening: Number = quantity("m^2", "A_o min", "opening at the maximal force")
-    largest_opening: Number = quantity("m^2", "A_o max", "opening of the free circuit")
-    smallest_force: Number = quantity("N", "F_min", "force on the pilot, free circuit")
-    largest_force: Number = quantity("N", "F_max", "force on the pilot, maximal force")
-    narrowest_stroke: Number = quantity("m", "c_min", "stroke at the maximal force")
-    widest_stroke: Number = quantity("m", "c_max", "stroke of the free circuit")
+    area: Number = parameter("m^2", "A_p", "damper's active area")
+    flow: Number = parameter("m^3/s", "Q", "flow at the maximal force")
+    drop: Number = parameter("Pa", "Δp_d", "pressure drop at the maximal force")
+    smallest_opening: Number = parameter("m^2", "A_o min", "opening at the maximal force")
+    largest_opening: Number = parameter("m^2", "A_o max", "opening of the free circuit")
+    smallest_force: Number = parameter("N", "F_min", "force on the pilot, free circuit")
+    largest_force: Number = parameter("N", "F_max", "force on the pilot, maximal force")
+    narrowest_stroke: Number = parameter("m", "c_min", "stroke at the maximal force")
+    widest_stroke: Number = parameter("m", "c_max", "stroke of the free circuit")
 
     def __str__(self) -> str:
         from ...base.text import described

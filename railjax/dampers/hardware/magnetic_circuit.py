@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...base.errors import InputError
-from ...base.fields import quantity
+from ...base.fields import parameter
 from ...base.smooth import TINY
 from ...base.typing import Number, Scalar
 from .hydraulics import disc_area
@@ -27,8 +27,8 @@ MU_0 = 4e-7 * jnp.pi  # V s/(A m)
 class Steel:
     """Low-carbon steel by Fröhlich's curve B = μ_0 H + J H/(H + a); values assumed for AISI 1010 (1.5 T at 1.2 kA/m)."""
 
-    saturation: Number = quantity("T", "J", "saturation polarisation of the steel", 1.95, positive=True)
-    knee: Number = quantity("A/m", "a", "field of half the saturation", 350.0, positive=True)
+    saturation: Number = parameter("T", "J", "saturation polarisation of the steel", 1.95, positive=True)
+    knee: Number = parameter("A/m", "a", "field of half the saturation", 350.0, positive=True)
 
 
 @jax.tree_util.register_dataclass
@@ -36,14 +36,14 @@ class Steel:
 class Circuit:
     """State of the circuit at a field in the gap; each line carries its symbol and SI unit."""
 
-    field: Number = quantity("A/m", "H", "field in the gap")
-    ampere_turns: Number = quantity("A", "N I", "ampere turns")
-    flux: Number = quantity("V s", "Phi", "flux")
-    gap_density: Number = quantity("T", "B", "flux density in the fluid")
-    core_density: Number = quantity("T", "", "flux density in the core")
-    root_density: Number = quantity("T", "", "flux density at the poles' root")
-    case_density: Number = quantity("T", "", "flux density in the case")
-    gap_share: Number = quantity("1", "", "share of the fluid in the ampere turns")
+    field: Number = parameter("A/m", "H", "field in the gap")
+    ampere_turns: Number = parameter("A", "N I", "ampere turns")
+    flux: Number = parameter("V s", "Phi", "flux")
+    gap_density: Number = parameter("T", "B", "flux density in the fluid")
+    core_density: Number = parameter("T", "", "flux density in the core")
+    root_density: Number = parameter("T", "", "flux density at the poles' root")
+    case_density: Number = parameter("T", "", "flux density in the case")
+    gap_share: Number = parameter("1", "", "share of the fluid in the ampere turns")
 
     def __str__(self) -> str:
         from ...base.text import described

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.errors import InputError
-from ...base.fields import quantity, structure
+from ...base.fields import parameter, structure
 from ...base.smooth import TINY
 from ...base.typing import Number, Scalar
 from .hydraulics import disc_area
@@ -35,10 +35,10 @@ class MrFluid:
     sets the magnetic curves of `magnetic_circuit`.
     """
 
-    yield_stress: Number = quantity("Pa", "tau_c", "yield stress at the design field", 44.1e3, positive=True)
-    field: Number = quantity("A/m", "H", "design field in the gap", 250e3, positive=True)
-    viscosity: Number = quantity("Pa s", "eta", "MR fluid viscosity", 0.25, positive=True)
-    volume_fraction: Number = quantity("1", "Phi", "volume fraction of iron", 0.32, positive=True)
+    yield_stress: Number = parameter("Pa", "tau_c", "yield stress at the design field", 44.1e3, positive=True)
+    field: Number = parameter("A/m", "H", "design field in the gap", 250e3, positive=True)
+    viscosity: Number = parameter("Pa s", "eta", "MR fluid viscosity", 0.25, positive=True)
+    volume_fraction: Number = parameter("1", "Phi", "volume fraction of iron", 0.32, positive=True)
 
 
 @jax.tree_util.register_dataclass
@@ -51,18 +51,18 @@ class MrDevice:
     magnetic steel and carries flux. `case_diameter` is assumed. `friction` of the seals is unknown and left out.
     """
 
-    bore: Number = quantity("m", "d", "interior diameter of the device", 22e-3, positive=True)
-    rod_diameter: Number = quantity("m", "d_b", "device's piston rod diameter", 8e-3, positive=True)
-    gap: Number = quantity("m", "h", "thickness of the gap", 0.4e-3, positive=True)
-    pole_width: Number = quantity("m", "", "pole width", 2e-3, positive=True)
-    coil_diameter: Number = quantity("m", "", "maximal solenoid diameter", 16e-3, positive=True)
-    coil_length: Number = quantity("m", "", "solenoid length", 30e-3, positive=True)
-    wire_diameter: Number = quantity("m", "", "wire diameter", 0.6e-3, positive=True)
-    core_diameter: Number = quantity("m", "", "diameter of the solenoid's core", 12.4e-3, positive=True)
-    core_bore: Number = quantity("m", "", "non-magnetic bore of the core", 0.0)
-    case_diameter: Number = quantity("m", "", "outer diameter of the case", 26e-3, positive=True)
-    turns: Number = quantity("1", "N", "turns of the solenoid", 150.0, positive=True)
-    friction: Number = quantity("N", "F_f", "friction of the seals", 0.0)
+    bore: Number = parameter("m", "d", "interior diameter of the device", 22e-3, positive=True)
+    rod_diameter: Number = parameter("m", "d_b", "device's piston rod diameter", 8e-3, positive=True)
+    gap: Number = parameter("m", "h", "thickness of the gap", 0.4e-3, positive=True)
+    pole_width: Number = parameter("m", "", "pole width", 2e-3, positive=True)
+    coil_diameter: Number = parameter("m", "", "maximal solenoid diameter", 16e-3, positive=True)
+    coil_length: Number = parameter("m", "", "solenoid length", 30e-3, positive=True)
+    wire_diameter: Number = parameter("m", "", "wire diameter", 0.6e-3, positive=True)
+    core_diameter: Number = parameter("m", "", "diameter of the solenoid's core", 12.4e-3, positive=True)
+    core_bore: Number = parameter("m", "", "non-magnetic bore of the core", 0.0)
+    case_diameter: Number = parameter("m", "", "outer diameter of the case", 26e-3, positive=True)
+    turns: Number = parameter("1", "N", "turns of the solenoid", 150.0, positive=True)
+    friction: Number = parameter("N", "F_f", "friction of the seals", 0.0)
     poles: int = structure(2)
     moving: bool = structure(False)
 
@@ -72,14 +72,14 @@ class MrDevice:
 class DeviceForces:
     """What `analyse` finds; each line carries its symbol and SI unit."""
 
-    yield_force: Number = quantity("N", "F_tau", "controllable (yield) force")
-    viscous_force: Number = quantity("N", "F_eta", "viscous force")
-    total_force: Number = quantity("N", "F", "total force")
-    dynamic_range: Number = quantity("1", "D", "dynamic range")
-    active_volume: Number = quantity("m^3", "V", "active fluid volume")
-    minimum_volume: Number = quantity("m^3", "V_min", "least active fluid volume for this range and power")
-    plate_coefficient: Number = quantity("1", "c", "coefficient of the yield force")
-    wall_shear_rate: Number = quantity("1/s", "", "shear rate at the poles' walls, no field")
+    yield_force: Number = parameter("N", "F_tau", "controllable (yield) force")
+    viscous_force: Number = parameter("N", "F_eta", "viscous force")
+    total_force: Number = parameter("N", "F", "total force")
+    dynamic_range: Number = parameter("1", "D", "dynamic range")
+    active_volume: Number = parameter("m^3", "V", "active fluid volume")
+    minimum_volume: Number = parameter("m^3", "V_min", "least active fluid volume for this range and power")
+    plate_coefficient: Number = parameter("1", "c", "coefficient of the yield force")
+    wall_shear_rate: Number = parameter("1/s", "", "shear rate at the poles' walls, no field")
 
     def __str__(self) -> str:
         from ...base.text import described

@@ -111,8 +111,8 @@ def identify_damper(
     record = without_offset(record if isinstance(record, Record) else joined(record))
     jolted = jolts(record, acceleration(record))
     record = _named(record, jolted, leave_out_jolts)
-    fitted, held = _parts(record, fit_share, settle, jolted if leave_out_jolts else np.zeros_like(jolted))
-    if settle < 0 or np.sum(fitted) < 10 * BLOCKS or np.sum(held) < BLOCKS:
+    fitted, apart = _parts(record, fit_share, settle, jolted if leave_out_jolts else np.zeros_like(jolted))
+    if settle < 0 or np.sum(fitted) < 10 * BLOCKS or np.sum(apart) < BLOCKS:
         raise InputError(
             f"settle {settle:g} s and fit_share {fit_share:g} leave too little of a record of {record.time[-1]:.3g} s"
         )
@@ -153,7 +153,7 @@ def identify_damper(
     published = as_measured(record, BoucWen(), parts=parts)
     rival = None
     if evolution:
-        rival = _evolve(coarse, choice, scale, simulations, record, fitted, held, seed)
+        rival = _evolve(coarse, choice, scale, simulations, record, fitted, apart, seed)
     return Identification(
         parameters=jax.tree.map(float, guess.damper),
         inertia=float(guess.inertia),
@@ -163,9 +163,9 @@ def identify_damper(
         intervals=known.intervals,
         correlations=known.correlations,
         fit_error=error_of(force, record.force, fitted),
-        heldout_error=error_of(force, record.force, held),
-        heldout_correlation=float(np.corrcoef(force[held], record.force[held])[0, 1]),
-        published_heldout_error=error_of(published, record.force, held),
+        heldout_error=error_of(force, record.force, apart),
+        heldout_correlation=float(np.corrcoef(force[apart], record.force[apart])[0, 1]),
+        published_heldout_error=error_of(published, record.force, apart),
         starts=tuple(errors.tolist()),
         method=method,
         simulations=simulations,
@@ -173,7 +173,7 @@ def identify_damper(
         record=record,
         force=force,
         fitted_samples=fitted,
-        heldout_samples=held,
+        heldout_samples=apart,
         stretches=tuple(np.asarray(guess.stretches).tolist()),
         velocity_offset=float(guess.offset),
         parts=parts,
@@ -193,12 +193,12 @@ def _named(record: Record, jolted: Mask, left_out: bool) -> Record:
 
 def _parts(record: Record, fit_share: float, settle: float, left_out: Mask) -> tuple[Mask, Mask]:
     """Samples that are fitted, and those held out, of each stretch."""
-    fitted, held = np.zeros(len(record), bool), np.zeros(len(record), bool)
+    fitted, apart = np.zeros(len(record), bool), np.zeros(len(record), bool)
     for stretch in record.stretches:
         split = stretch.start + int(fit_share * (stretch.stop - stretch.start))
         fitted[stretch.start + round(max(settle, 0.0) / record.dt) : split] = True
-        held[split : stretch.stop] = True
-    return fitted & ~left_out, held & ~left_out
+        apart[split : stretch.stop] = True
+    return fitted & ~left_out, apart & ~left_out
 
 
 def _of_share(record: Record, mask: Mask, share: float) -> Bool[np.ndarray, "first"]:
@@ -360,8 +360,8 @@ def _evolve(
     force = as_measured(record, guess.damper, guess.inertia, np.asarray(guess.stretches), guess.offset, int(coarse.parts))
     return Evolution(
         fit_error=error_of(force, record.force, fitted),
-        heldout_error=error_of(force, record.force, held),
-        heldout_correlation=float(np.corrcoef(force[held], record.force[held])[0, 1]),
+        heldout_error=error_of(force, record.force, apart),
+        heldout_correlation=float(np.corrcoef(force[apart], record.force[apart])[0, 1]),
         simulations=used,
         seconds=time.perf_counter() - began,
     )

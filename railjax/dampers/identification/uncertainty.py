@@ -168,7 +168,7 @@ def _profiles(
     """The least and the largest of each parameter where twice the logarithm of the likelihood ratio is 4, over all profiles."""
     noise = noise_of(residual_of(problem, choice, scale, best))
     problem = weigh_prior(problem, noise, widths=3.0)
-    held = 1e3 * problem.prior[0]
+    firm = 1e3 * problem.prior[0]
     starts, priors, centres = [best], [problem.prior], [problem.centre]
     for index in hanging:
         for ray in RAYS:
@@ -176,7 +176,7 @@ def _profiles(
             # the others go with it as their covariance says, within what the prior thinks likely
             start = best + ray * min(own, WIDTH) * np.clip(data[index] / own**2, -1.0, 1.0)
             starts.append(start)
-            priors.append(problem.prior.at[index].set(held))
+            priors.append(problem.prior.at[index].set(firm))
             centres.append(problem.centre.at[index].set(start[index]))
     ends, costs = minimise(problem, jnp.stack(starts), jnp.stack(priors), jnp.stack(centres), noise.unit)
     deviance = np.maximum(costs - np.min(costs), 0.0) / noise.unit**2

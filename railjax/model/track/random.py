@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Complex, Float
 
 from ...base.checks import traced
 from ...base.errors import InputError
-from ...base.fields import quantity, structure
+from ...base.fields import parameter, structure
 from ...base.typing import Scalar
 from .sampled import MARGIN, SampledTrack, register
 from .spectra import LONGEST, SHORTEST, Spectrum, spectrum
@@ -35,8 +35,8 @@ class RandomOptions:
 
     spectrum: str = structure("erri-high", "name of a spectrum, or its file")
     seed: int = structure(0, "which realisation")
-    length: float = quantity("m", "", "length after which it repeats itself", LENGTH, positive=True)
-    amplitude: float = quantity("1", "a", "factor on the alignment", 1.0, signed=True)
+    length: float = parameter("m", "", "length after which it repeats itself", LENGTH, positive=True)
+    amplitude: float = parameter("1", "a", "factor on the alignment", 1.0, signed=True)
 
     def track(self) -> "RandomTrack":
         """The realisation of these options."""

@@ -21,7 +21,7 @@ from ...base.arguments import guarded
 from ...base.checks import Kind, Range, a_path, positive
 from ...base.compilation import fence
 from ...base.errors import InputError
-from ...base.fields import optional, quantity, structure, table
+from ...base.fields import optional, parameter, structure, table
 from ...base.typing import Number, Scalar
 from .shapes import Alignment, Distances, alignment
 from .spectra import TableSpectrum
@@ -45,9 +45,9 @@ class SampledTrack:
     """
 
     coefficients: Number = table("m", "c_j", "coefficients of the spline", signed=True)
-    spacing: Number = quantity("m", "h", "length of the spline's cells", positive=True)
-    start: Number = quantity("m", "", "distance at which the table begins", 0.0, signed=True)
-    amplitude: Number = quantity("1", "a", "factor on the alignment", 1.0, signed=True)
+    spacing: Number = parameter("m", "h", "length of the spline's cells", positive=True)
+    start: Number = parameter("m", "", "distance at which the table begins", 0.0, signed=True)
+    amplitude: Number = parameter("1", "a", "factor on the alignment", 1.0, signed=True)
     fade: Number = optional("m", "", "distance over which the alignment fades in", positive=True)
     periodic: bool = structure(True, "whether the table goes on for ever")
     label: Any = structure(None)

@@ -16,7 +16,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ...base.arguments import ARGUMENTS, guarded
 from ...base.checks import shown
 from ...base.errors import InputError
-from ...base.fields import check_numbers, quantity
+from ...base.fields import check_numbers, parameter
 from ...base.typing import Number
 
 Distances = Float[Array, "..."]
@@ -75,8 +75,8 @@ class SinusoidTrack:
     The paper gives A (5 and 10 mm in figs. 16-18) but not L. Wavelengths of 6 to 60 m are felt by a coach at 50 m/s.
     """
 
-    amplitude: Number = quantity("m", "A", "amplitude of the alignment", signed=True)
-    wavelength: Number = quantity("m", "L", "wavelength of the alignment", positive=True)
+    amplitude: Number = parameter("m", "A", "amplitude of the alignment", signed=True)
+    wavelength: Number = parameter("m", "L", "wavelength of the alignment", positive=True)
 
     def seen_from(self, offset: Distances) -> Alignment:
         """A sin(kappa (start + offset)), by the addition theorem: two sines a start, whatever the number of offsets."""
@@ -98,9 +98,9 @@ class BumpTrack:
     period sinusoid function which considers the irregularity tangent to the track" is read as this.
     """
 
-    amplitude: Number = quantity("m", "A", "peak of the bump", signed=True)
-    length: Number = quantity("m", "L", "length of the bump", positive=True)
-    start: Number = quantity("m", "", "distance at which the bump begins", 20.0, signed=True)
+    amplitude: Number = parameter("m", "A", "peak of the bump", signed=True)
+    length: Number = parameter("m", "L", "length of the bump", positive=True)
+    start: Number = parameter("m", "", "distance at which the bump begins", 20.0, signed=True)
 
     def seen_from(self, offset: Distances) -> Alignment:
         """The bump at start + `offset`, m: a function of the distance (m)."""

@@ -20,7 +20,7 @@ from ...base.arguments import guarded
 from ...base.checks import positive, shown, traced
 from ...base.csv_columns import IN_PYTHON, read_columns
 from ...base.errors import InputError
-from ...base.fields import check_numbers, quantity, structure, table
+from ...base.fields import check_numbers, parameter, structure, table
 from ...base.text_table import is_table
 from ...base.typing import Number, Scalar
 
@@ -49,11 +49,11 @@ class ErriSpectrum:
     A = 2.119e-7 (low disturbance) and 6.125e-7 m rad (high), Ωc = 0.8246, Ωr = 0.0206 rad/m: recalled values of ERRI B176.
     """
 
-    roughness: Number = quantity("m rad", "A", "roughness of the alignment", positive=True)
-    corner: Number = quantity(
+    roughness: Number = parameter("m rad", "A", "roughness of the alignment", positive=True)
+    corner: Number = parameter(
         "rad/m", "Ωc", "wavenumber above which the density falls with the fourth power", 0.8246, positive=True
     )
-    long_corner: Number = quantity("rad/m", "Ωr", "wavenumber below which the density is flat", 0.0206, positive=True)
+    long_corner: Number = parameter("rad/m", "Ωr", "wavenumber below which the density is flat", 0.0206, positive=True)
 
     @guarded(wavenumber=WAVENUMBER._replace(open=False))
     def density(self, wavenumber: Wavenumbers) -> Wavenumbers:
@@ -78,11 +78,11 @@ class FraSpectrum:
     A in m² rad/m for track classes 1 (worst) to 6: see `spectrum`. The density has no finite variance as Ω goes to 0.
     """
 
-    roughness: Number = quantity("m^2 rad/m", "A", "roughness of the alignment", positive=True)
-    corner: Number = quantity(
+    roughness: Number = parameter("m^2 rad/m", "A", "roughness of the alignment", positive=True)
+    corner: Number = parameter(
         "rad/m", "Ωc", "wavenumber above which the density falls with the fourth power", 0.8245, positive=True
     )
-    factor: Number = quantity("1", "k", "factor of the class spectra", 0.25, positive=True)
+    factor: Number = parameter("1", "k", "factor of the class spectra", 0.25, positive=True)
 
     @guarded(wavenumber=WAVENUMBER)
     def density(self, wavenumber: Wavenumbers) -> Wavenumbers:

@@ -58,7 +58,7 @@ def _quantities(quantities: Sequence[dict[str, Any]]) -> str:
         tolerance = "" if q["tolerance"] is None else f" (±{q['tolerance']:g})"
         numbers = number(q["paper"]), number(q["computed"]), difference
         rows.append((_named(q, "name"), *numbers, escape(q["unit"]), _kind(q), verdict + tolerance))
-    head = ("Quantity", "Paper", "railjax", "Difference", "Unit", "Fitted or predicted", "Within tolerance")
+    head = ("Compared", "Paper", "railjax", "Difference", "Unit", "Fitted or predicted", "Within tolerance")
     return table(head, rows, numbers=(1, 2, 3))
 
 
@@ -72,7 +72,7 @@ def _entries(pictures: Sequence[dict[str, str]]) -> list[tuple[str, str]]:
 
 def _numbers(quantities: Sequence[dict[str, Any]]) -> str:
     rows = [(_named(q, "name"), number(q["computed"]), escape(q["unit"]), _kind(q)) for q in quantities]
-    return table(("Quantity", "railjax", "Unit", "Fitted or predicted"), rows, numbers=(1,))
+    return table(("Compared", "railjax", "Unit", "Fitted or predicted"), rows, numbers=(1,))
 
 
 def _statements(statements: Sequence[dict[str, Any]]) -> str:

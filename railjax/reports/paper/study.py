@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Compared:
     """A number of the paper beside ours. `fitted`: it was a target of the calibration, so it says nothing about the model."""
 
     name: str
@@ -76,7 +76,7 @@ class Picture:
 class Outcome:
     """What a study found."""
 
-    quantities: list[Quantity] = field(default_factory=list)
+    quantities: list[Compared] = field(default_factory=list)
     statements: list[Statement] = field(default_factory=list)
     pictures: list[Picture] = field(default_factory=list)
     assumptions: list[str] = field(default_factory=list)

@@ -9,7 +9,7 @@ from ...model.kinematics import size
 from ..along_speed import both_at
 from .orbits import DISPLACEMENT, Model, Orbit, Shooting, by_parameters, pack
 from .settling import displaced_wheelsets
-from .shooting import BY_AMPLITUDE, Point, Problem, plane, row_of, solution, solved
+from .shooting import BY_AMPLITUDE, OrbitProblem, Point, plane, row_of, solution, solved
 
 #: steps along the branch, measured in the plane of the diagram (amplitude in mm, speed in 10 m/s)
 FIRST_STEP, SMALLEST_STEP = 0.1, 2e-4
@@ -60,18 +60,18 @@ def wheelset_mode(model: Model, shooting: Shooting, speed: float) -> tuple[Float
 
 def near_hopf(
     model: Model, shooting: Shooting, shape: Float[np.ndarray, "states"], omega: float, speed: float, amplitude: float
-) -> Problem:
+) -> OrbitProblem:
     """The orbit of a given amplitude (m) that grows out of a mode; its direction is that of rising amplitude."""
     guess = pack(model, shooting, Orbit(shape * amplitude, 2.0 * np.pi / omega, speed))
-    return Problem(guess, row_of(model, shooting, BY_AMPLITUDE), amplitude / DISPLACEMENT)
+    return OrbitProblem(guess, row_of(model, shooting, BY_AMPLITUDE), amplitude / DISPLACEMENT)
 
 
-def next_orbit(model: Model, shooting: Shooting, point: Point, step: float) -> Problem:
+def next_orbit(model: Model, shooting: Shooting, point: Point, step: float) -> OrbitProblem:
     """Pseudo-arclength continuation: along the tangent, the step measured in the plane of the diagram."""
     shadow = float(np.hypot(*plane(model, shooting, point.direction)))
     # where the branch stands steep on that plane the step is bounded in the space of all unknowns
     guess = point.unknowns + step / max(shadow, 0.05) * point.direction
-    return Problem(guess, point.direction, float(point.direction @ guess))
+    return OrbitProblem(guess, point.direction, float(point.direction @ guess))
 
 
 def follow(
@@ -133,7 +133,7 @@ def _orbit_at(
     """The orbit at a share of the chord from `low` on, predicted by the tangent at a point near it."""
     ahead = share - row @ (nearest.unknowns - low.unknowns)
     guess = nearest.unknowns + ahead * nearest.direction / (row @ nearest.direction)
-    return solved(model, shooting, Problem(guess, row, float(row @ low.unknowns + share)), nearest)
+    return solved(model, shooting, OrbitProblem(guess, row, float(row @ low.unknowns + share)), nearest)
 
 
 def _slope(row: Float[np.ndarray, "unknowns"], point: Point) -> float:
@@ -189,7 +189,7 @@ def _carried_over(model: Model, shooting: Shooting, other: Model, point: Point) 
         here, there = (between(other, model, share) for share in (done, ahead))
         pushed = by_parameters(here, shooting, point.unknowns) @ change * (ahead - done)
         guess = point.unknowns - solution(np.vstack([point.jacobian, row]), np.append(pushed, 0.0))
-        found = solved(there, shooting, Problem(guess, row, float(row @ point.unknowns)), point, FEW_ITERATIONS)
+        found = solved(there, shooting, OrbitProblem(guess, row, float(row @ point.unknowns)), point, FEW_ITERATIONS)
         if found.usable and found.direction @ point.direction > STRAIGHT:
             point, done = found, ahead
         else:

@@ -16,7 +16,7 @@ from ...simulation.step_size import STABLE_RADIUS
 from .continuation import fold_beside, fold_between, fold_near, follow, hunting_mode, near_hopf, wheelset_mode
 from .orbits import DISPLACEMENT, SPEED, Model, Shooting, fastest, unpack
 from .settling import End, Start, displaced_wheelsets, drawn, one_period, patterns
-from .shooting import Point, Problem, at_speed, largest_displacement, solved
+from .shooting import OrbitProblem, Point, at_speed, largest_displacement, solved
 
 #: shares of the linear critical speed, or of the highest one, at which motions are tried first, and of a fold's speed at which they are
 #: tried then: below it, and just above, where those of another family may live whose fold is a little lower
@@ -180,8 +180,8 @@ class FoldSearch:
         entry = solved(self.model, self.shooting, at_speed(self.model, self.shooting, end.guess, speed * SPEED))
         if above and not entry.usable and entry.residual < NEARLY:
             # it ends at nearly the same speed
-            held = Problem(entry.unknowns, entry.direction, float(entry.direction @ entry.unknowns))
-            beside = solved(self.model, self.shooting, held, entry)
+            across = OrbitProblem(entry.unknowns, entry.direction, float(entry.direction @ entry.unknowns))
+            beside = solved(self.model, self.shooting, across, entry)
             fold = fold_beside(self.model, self.shooting, beside) if beside.usable else None
             return fold if fold is not None and motions_end(fold) else None
         if not entry.usable or largest_displacement(self.model, entry) < self.rest:

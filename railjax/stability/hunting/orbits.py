@@ -243,7 +243,7 @@ class Linearised(NamedTuple):
     peaks: Float[np.ndarray, "wheelsets"]
 
 
-def linearised(model: Model, shooting: Shooting, unknowns: Float[np.ndarray, "unknowns"]) -> Linearised:
+def orbit_derivatives(model: Model, shooting: Shooting, unknowns: Float[np.ndarray, "unknowns"]) -> Linearised:
     """Residual and Jacobian at a `pack`ed orbit."""
     orbit = unpack(model, shooting, unknowns)
     arrived, peaks, columns = _called(_columns, model, shooting, orbit)

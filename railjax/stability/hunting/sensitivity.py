@@ -6,7 +6,7 @@ from ...base.units import KMH
 from ...model.parameters import get_parameter, parameters
 from ...model.vehicle import Vehicle
 from .limit_cycles import Branch
-from .shooting import BY_AMPLITUDE, Problem, row_of, solved, speed_slopes
+from .shooting import BY_AMPLITUDE, OrbitProblem, row_of, solved, speed_slopes
 
 #: change by which parameters count that are zero, by unit
 OF_ZERO = {"N s/m": (10e3, "10 kN s/m"), "N m/rad": (1e6, "1 MN m/rad")}
@@ -49,5 +49,5 @@ def fold_gradient(branch: Branch) -> Vehicle:
     model, shooting, fold = branch.model, branch.shooting, branch.fold
     assert fold is not None
     row = row_of(model, shooting, BY_AMPLITUDE)
-    point = solved(model, shooting, Problem(fold.unknowns, row, float(row @ fold.unknowns)))
+    point = solved(model, shooting, OrbitProblem(fold.unknowns, row, float(row @ fold.unknowns)))
     return speed_slopes(model, shooting, point).vehicle

@@ -21,7 +21,7 @@ from ...model.kinematics import labels, size
 from ...model.motion import held, wheelset_shape
 from ...simulation.runge_kutta import rk4_in_loop
 from .orbits import Model, Orbit, Shooting, advanced, pack, state_rates
-from .shooting import Problem, at_speed
+from .shooting import OrbitProblem, at_speed
 
 #: most periods of simulation; the slowest multiplier of the coach's stable limit cycles is about 0.97
 SETTLING = 60
@@ -234,7 +234,7 @@ def _turns(y: Float[np.ndarray, "samples"]) -> tuple[list[int], float]:
 
 def settled(
     model: Model, shooting: Shooting, state: Float[np.ndarray, "states"], period: float, speed: float, steps: int
-) -> Problem:
+) -> OrbitProblem:
     """The limit cycle to which the vehicle is drawn at a speed (m/s) from a state on, about whose period (s) and the `steps` that RK4
     needs for it are known."""
     (end,) = drawn(shooting, [Start(model, state, period, speed, steps)])

@@ -17,7 +17,7 @@ from .orbits import (
     Shooting,
     Unknowns,
     by_parameters,
-    linearised,
+    orbit_derivatives,
     residual,
     unpack,
 )
@@ -36,7 +36,7 @@ MOST_LEAPS, LEAP = 6, 0.5
 Residual = Callable[[np.ndarray], np.ndarray]
 
 
-class Problem(NamedTuple):
+class OrbitProblem(NamedTuple):
     """Which orbit is looked for: near `guess` the one with row · unknowns = value.
 
     `row` picks the orbit from its branch: the amplitude, the speed or a direction between.
@@ -66,7 +66,9 @@ class Point(NamedTuple):
         return float(self.direction[-1])
 
 
-def solved(model: Model, shooting: Shooting, problem: Problem, near: Point | None = None, most: int = MOST_ITERATIONS) -> Point:
+def solved(
+    model: Model, shooting: Shooting, problem: OrbitProblem, near: Point | None = None, most: int = MOST_ITERATIONS
+) -> Point:
     """Newton from the guess, and what the Jacobian tells of the orbit found: direction of the branch, monodromy, adjoint.
 
     With a neighbouring point `near`, its Jacobian is tried first, improved from step to step (Broyden), and formed anew only at the end.
@@ -79,7 +81,7 @@ def solved(model: Model, shooting: Shooting, problem: Problem, near: Point | Non
     here = problem.guess if near is None else _with_old_jacobian(off, problem, near)
     leaps = 0
     for count in range(most + 1):
-        equations = linearised(model, shooting, here)
+        equations = orbit_derivatives(model, shooting, here)
         there = np.append(equations.residual, problem.row @ here - problem.value)
         bordered, error = np.vstack([equations.jacobian, problem.row]), float(np.max(np.abs(there)))
         if not error > AIM or count == most:  # NaN is finished
@@ -124,7 +126,7 @@ def _shortened(off: Residual, here: np.ndarray, step: np.ndarray, error: float) 
     return None
 
 
-def _with_old_jacobian(off: Residual, problem: Problem, near: Point) -> Float[np.ndarray, "unknowns"]:
+def _with_old_jacobian(off: Residual, problem: OrbitProblem, near: Point) -> Float[np.ndarray, "unknowns"]:
     """Broyden's method; it ends where a step gains little, and Newton goes on from the best."""
     here, there = problem.guess, off(problem.guess)
     try:
@@ -185,9 +187,9 @@ def row_of(model: Model, shooting: Shooting, direction: tuple[float, float]) -> 
     return row
 
 
-def at_speed(model: Model, shooting: Shooting, guess: Float[np.ndarray, "unknowns"], speed: float) -> Problem:
+def at_speed(model: Model, shooting: Shooting, guess: Float[np.ndarray, "unknowns"], speed: float) -> OrbitProblem:
     """The orbit near a packed `guess` that exists at a speed (m/s)."""
-    return Problem(guess, row_of(model, shooting, BY_SPEED), float(speed) / SPEED)
+    return OrbitProblem(guess, row_of(model, shooting, BY_SPEED), float(speed) / SPEED)
 
 
 def largest_displacement(model: Model, point: Point) -> float:

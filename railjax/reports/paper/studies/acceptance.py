@@ -11,7 +11,7 @@ from ....ride.acceptance.assess import acceptance
 from ....ride.acceptance.criteria import CRITERIA
 from ....ride.acceptance.record import acceptance_channels
 from ....simulation.simulate import Simulation, simulate
-from ..study import Context, Outcome, Picture, Quantity, study
+from ..study import Compared, Context, Outcome, Picture, study
 from .comfort import SAMPLE, SPECTRA, SPEEDS, real_track
 from .semiactive import paper_dampers
 
@@ -48,7 +48,7 @@ def safety(context: Context) -> Outcome:
                     beyond = SPEEDS[finding.verdict == "exceeded"]
                     first = float(beyond[0]) if len(beyond) else np.nan
                     quantity = f"{CRITERIA[key].name}: first of the speeds at which the limit is exceeded, {label}, {name}"
-                    quantities.append(Quantity(quantity, "(not in the paper)", None, first, "km/h", False, None))
+                    quantities.append(Compared(quantity, "(not in the paper)", None, first, "km/h", False, None))
         for here, key in zip(axes.ravel(), SHOWN, strict=True):
             here.axhline(100.0, color="0.2", linewidth=0.8)
             here.set_title(CRITERIA[key].name, fontsize="medium")

@@ -9,7 +9,7 @@ from ....base.style import figure, mark_paper
 from ....dampers import bouc_wen
 from ....dampers.bouc_wen import BoucWen
 from ....dampers.bouc_wen_damper import HybridDamper
-from ..study import Context, Outcome, Picture, Quantity, Statement, study
+from ..study import Compared, Context, Outcome, Picture, Statement, study
 
 PAPER_FORCE = 406.7  # N, Table 5
 REQUIRED_FORCE = 343.0  # N, section 4
@@ -96,12 +96,12 @@ def characteristics(context: Context) -> Outcome:
     growth = ", ".join(f"{current:g} A: {peak:.0f} N" for current, peak in zip(CURRENTS, peaks, strict=False))
     return Outcome(
         quantities=[
-            Quantity(
+            Compared(
                 "force of the MR device at 1.5 A, 15 mm/s (Bouc-Wen)", "Table 5", PAPER_FORCE, float(at_design), "N", True, 0.5
             ),
-            Quantity("force of the MR device at 1.6 A (Bouc-Wen)", "figs. 13-14", None, float(at_tests), "N", False, None),
-            Quantity("force of the MR device at 0 A (Bouc-Wen)", "figs. 13-14", None, float(peaks[0]), "N", False, None),
-            Quantity("hybrid damper's force at 0.1 m/s, full current", "Table 2", 5000.0, float(hybrid[-1]), "N", False, 250.0),
+            Compared("force of the MR device at 1.6 A (Bouc-Wen)", "figs. 13-14", None, float(at_tests), "N", False, None),
+            Compared("force of the MR device at 0 A (Bouc-Wen)", "figs. 13-14", None, float(peaks[0]), "N", False, None),
+            Compared("hybrid damper's force at 0.1 m/s, full current", "Table 2", 5000.0, float(hybrid[-1]), "N", False, 250.0),
         ],
         statements=[
             Statement(

@@ -20,7 +20,7 @@ from ....ride.frequency import frequency_response
 from ....ride.spectral_comfort import spectral_comfort
 from ....ride.statistical import statistical_linearisation
 from ....simulation.simulate import Simulation, simulate
-from ..study import Context, Outcome, Picture, Quantity, Statement, study
+from ..study import Compared, Context, Outcome, Picture, Statement, study
 from .hunting import PAPER_NONLINEAR
 from .passive import WAVELENGTH
 from .semiactive import ALPHA, CASES, paper_dampers, strategies
@@ -71,7 +71,7 @@ def in_numbers(context: Context) -> Outcome:
         mean = {name: float(one.mean[:, case].max()) for name, one in found.items()}
         wz = {name: float(one.sperling["lateral"][:, case].max()) for name, one in found.items()}
         quantities += [
-            Quantity(f"{symbol} at {where}: {name}", f"{source}, fig. 19", None, value, "1", False, None)
+            Compared(f"{symbol} at {where}: {name}", f"{source}, fig. 19", None, value, "1", False, None)
             for symbol, values in (("N_MV (lateral)", mean), ("Sperling Wz", wz))
             for name, value in values.items()
         ]
@@ -98,7 +98,7 @@ def on_real_tracks(context: Context) -> Outcome:
     }
     pictures = [_lines(context.coach, mean, wz), _map(mean, list(dampers))]
     quantities = [
-        Quantity(f"{symbol} on {label} at {kmh:g} km/h: {name}", "(not in the paper)", None, float(values[spectrum, name][lane]), "1", False, None)
+        Compared(f"{symbol} on {label} at {kmh:g} km/h: {name}", "(not in the paper)", None, float(values[spectrum, name][lane]), "1", False, None)
         for symbol, values in (("N_MV (lateral)", mean), ("Sperling Wz", wz))
         for spectrum, label in SPECTRA.items()
         for kmh in (160.0, 220.0)
@@ -212,7 +212,7 @@ def without_time(context: Context) -> Outcome:
                 error = values / simulated - 1.0
                 known = np.isfinite(error) & (speeds <= 200.0)
                 quantities.append(
-                    Quantity(
+                    Compared(
                         f"{name}, {label}: largest error of the r.m.s. against simulation, 80 to 200 km/h, ERRI high",
                         "(not in the paper)",
                         None,

@@ -10,7 +10,7 @@ from ....model.motion import PASSIVE, state_size
 from ....model.vehicle import Vehicle
 from ....simulation.simulate import initial_state, simulate
 from ....stability.hunting.branch import hunting_branch
-from ..study import Context, Outcome, Picture, Quantity, Statement, study
+from ..study import Compared, Context, Outcome, Picture, Statement, study
 from .semiactive import paper_dampers
 
 #: km/h; speeds tried, and how far apart they lie
@@ -69,7 +69,7 @@ def controlled_hunting(context: Context) -> Outcome:
         axes[1, 0].set_xlabel("speed, km/h")
         legend_above(axes[0, 0], 3)
     quantities = [
-        Quantity(f"hunts {kind} disturbance from: {name}", "(not in the paper)", None, speeds[k], "km/h", False, None)
+        Compared(f"hunts {kind} disturbance from: {name}", "(not in the paper)", None, speeds[k], "km/h", False, None)
         for name, speeds in onsets.items()
         for k, kind in enumerate(("after a small", "after a large"))
     ]

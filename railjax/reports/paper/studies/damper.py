@@ -15,7 +15,7 @@ from ....dampers.hardware.design import HybridDesign, design_hybrid
 from ....dampers.hardware.hydraulics import DAN_PER_CM2, active_area, damping_force, disc_area, mr_force_for, size_pilot
 from ....dampers.hardware.magnetic_circuit import carlson_yield_stress, force_of_current
 from ....dampers.hardware.mr_device import MrDevice, active_length, analyse, plate_coefficient, viscous_force, yield_force
-from ..study import Context, Outcome, Picture, Quantity, Statement, study
+from ..study import Compared, Context, Outcome, Picture, Statement, study
 
 PAPER_FLOW = 1.65e-4  # m^3/s, Table 2, with which the paper goes on
 PAPER_DROP = 30.31  # daN/cm^2
@@ -41,7 +41,7 @@ def truncated(value: float, decimals: int) -> float:
     return math.floor(value * 10**decimals) / 10**decimals
 
 
-def inputs(design: HybridDesign) -> list[Quantity]:
+def inputs(design: HybridDesign) -> list[Compared]:
     """What is given, beside the paper's; an input is no result, so there is no tolerance."""
     rows: list[tuple[str, str, Any, str, str, float]] = [
         ("damper's piston diameter d_p", "Table 2", design.damper, "piston_diameter", "m", 1.0),
@@ -69,14 +69,14 @@ def inputs(design: HybridDesign) -> list[Quantity]:
     ]
     # the defaults of the dataclasses are the paper's values
     return [
-        Quantity(
+        Compared(
             name, source, round(getattr(type(part)(), key) * f, 12), round(float(getattr(part, key)) * f, 12), unit, False, None
         )
         for name, source, part, key, unit, f in rows
     ]
 
 
-def quantities(design: HybridDesign) -> list[Quantity]:
+def quantities(design: HybridDesign) -> list[Compared]:
     """Every number of section 4 that follows from others; with the paper's, unless the inputs are not the paper's."""
     is_paper = all(q.paper == q.computed for q in inputs(design))
     sizes = design.sizes
@@ -128,7 +128,7 @@ def quantities(design: HybridDesign) -> list[Quantity]:
         ("flux density of the core", "(not in the paper)", None, given.circuit.core_density, "T", None),
     ]
     return [
-        Quantity(name, source, paper if is_paper else None, float(value), unit, source == reading, tolerance)
+        Compared(name, source, paper if is_paper else None, float(value), unit, source == reading, tolerance)
         for name, source, paper, value, unit, tolerance in rows
         if is_paper or not any(words in name for words in of_the_paper)
     ]
@@ -158,7 +158,7 @@ def readings(design: HybridDesign) -> list[tuple[str, float]]:
     return sorted(found, key=lambda entry: abs(entry[1] - PAPER_FORCE))
 
 
-def lines(rows: list[Quantity], given: bool = False) -> list[str]:
+def lines(rows: list[Compared], given: bool = False) -> list[str]:
     """Quantities as a table: name, the paper's number, ours, unit, and what to think of it."""
     text = []
     for q in rows:

@@ -9,7 +9,7 @@ from ....base.units import KMH
 from ....simulation.simulate import simulate
 from ....stability.hunting.branch import hunting_branch
 from ....stability.hunting.ramp import speed_ramp
-from ..study import Context, Outcome, Picture, Quantity, Statement, study
+from ..study import Compared, Context, Outcome, Picture, Statement, study
 from .passive import PAPER_LINEAR
 
 PAPER_NONLINEAR, PAPER_AMPLITUDE = 234.2, 9.0  # km/h, mm
@@ -67,13 +67,13 @@ def bifurcation_diagram(context: Context) -> Outcome:
     )
     stable = [point for point in branch.points if point.stable and point.amplitude > 0]
     quantities = [
-        Quantity("nonlinear critical speed (fold)", "section 2", PAPER_NONLINEAR, fold.speed * KMH, "km/h", True, 0.1),
-        Quantity("amplitude at the fold", "section 2", PAPER_AMPLITUDE, fold.amplitude * 1e3, "mm", True, 0.05),
-        Quantity("frequency at the fold", "(not in the paper)", None, fold.frequency, "Hz", False, None),
-        Quantity("ramp down: hunting stops", "(not in the paper)", None, ramp.stops * KMH, "km/h", False, None),
-        Quantity("ramp up: hunting starts", "(not in the paper)", None, ramp.starts * KMH, "km/h", False, None),
-        Quantity("time for the diagram, with compilation", "(not in the paper)", None, found - started, "s", False, None),
-        Quantity("time for the ramp, with compilation", "(not in the paper)", None, ended - found, "s", False, None),
+        Compared("nonlinear critical speed (fold)", "section 2", PAPER_NONLINEAR, fold.speed * KMH, "km/h", True, 0.1),
+        Compared("amplitude at the fold", "section 2", PAPER_AMPLITUDE, fold.amplitude * 1e3, "mm", True, 0.05),
+        Compared("frequency at the fold", "(not in the paper)", None, fold.frequency, "Hz", False, None),
+        Compared("ramp down: hunting stops", "(not in the paper)", None, ramp.stops * KMH, "km/h", False, None),
+        Compared("ramp up: hunting starts", "(not in the paper)", None, ramp.starts * KMH, "km/h", False, None),
+        Compared("time for the diagram, with compilation", "(not in the paper)", None, found - started, "s", False, None),
+        Compared("time for the ramp, with compilation", "(not in the paper)", None, ended - found, "s", False, None),
     ]
     statements = [
         Statement(

@@ -11,7 +11,7 @@ from ....plots.charts import histories
 from ....simulation.simulate import Simulation, simulate
 from ....stability.linear_critical import linear_critical, linear_critical_speed
 from ....stability.modes import modes, root_locus
-from ..study import Context, Outcome, Picture, Quantity, Statement, study
+from ..study import Compared, Context, Outcome, Picture, Statement, study
 
 #: m; not in the paper. 20 m lies in the band of 3 to 25 m by which alignment is judged (EN 13848, D1)
 WAVELENGTH = 20.0
@@ -34,8 +34,8 @@ def critical_speed(context: Context) -> Outcome:
     coach = context.coach
     weight = float(coach.carbody.mass + 2 * coach.bogie.mass + 4 * coach.wheelset.mass) * 10.0 / 8.0
     quantities = [
-        Quantity("linear critical speed", "section 2", PAPER_LINEAR, float(ours.speed) * KMH, "km/h", True, 0.1),
-        Quantity(
+        Compared("linear critical speed", "section 2", PAPER_LINEAR, float(ours.speed) * KMH, "km/h", True, 0.1),
+        Compared(
             "linear critical speed, Table 1 to the letter",
             "section 2",
             PAPER_LINEAR,
@@ -44,8 +44,8 @@ def critical_speed(context: Context) -> Outcome:
             False,
             0.1,
         ),
-        Quantity("wheel load from the masses, g = 10 m/s^2", "Table 1", 51250.0, weight, "N", False, 1.0),
-        Quantity(
+        Compared("wheel load from the masses, g = 10 m/s^2", "Table 1", 51250.0, weight, "N", False, 1.0),
+        Compared(
             "frequency of the critical mode",
             "(not in the paper)",
             None,

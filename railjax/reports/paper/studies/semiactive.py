@@ -13,7 +13,7 @@ from ....model.damper import HARD, SOFT, Damper, PassiveDamper
 from ....model.track.shapes import SinusoidTrack
 from ....model.vehicle import Vehicle
 from ....simulation.simulate import Simulation, simulate
-from ..study import Context, Outcome, Picture, Quantity, Statement, study
+from ..study import Compared, Context, Outcome, Picture, Statement, study
 from .passive import PAPER_LINEAR, WAVELENGTH
 
 #: figure, speed in km/h, amplitude in m
@@ -94,7 +94,7 @@ def closed_loop(context: Context) -> Outcome:
         }
         for how, label in (("rms", "r.m.s."), ("peak", "peak")):
             quantities += [
-                Quantity(f"{label} acceleration at {where}: {name}", source, None, value, "m/s^2", False, None)
+                Compared(f"{label} acceleration at {where}: {name}", source, None, value, "m/s^2", False, None)
                 for name, value in found[how].items()
             ]
         less = all(found[how][name] < found[how]["passive"] for how in found for name in list(runs)[1:])
@@ -201,7 +201,7 @@ def compared(context: Context) -> Outcome:
     table = {how: {name: _values(run, how) for name, run in runs.items()} for how in runs["passive, Table 1"].reductions}
     rms, travel = table["rms:carbody_acceleration"], table["peak:secondary_travel"]
     quantities = [
-        Quantity(f"{label} at {kmh} km/h, {1e3 * amplitude:g} mm: {name}", "(not in the paper)", None, factor * float(values[case]), unit, False, None)
+        Compared(f"{label} at {kmh} km/h, {1e3 * amplitude:g} mm: {name}", "(not in the paper)", None, factor * float(values[case]), unit, False, None)
         for how, label, factor, unit in (
             ("rms:carbody_acceleration", "r.m.s. acceleration", 1.0, "m/s^2"),
             ("peak:carbody_acceleration", "peak acceleration", 1.0, "m/s^2"),

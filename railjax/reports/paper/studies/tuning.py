@@ -17,7 +17,7 @@ from ....model.vehicle import Vehicle, YawDamper
 from ....tuning import objectives as aim
 from ....tuning.gain_schedule import schedule_gain
 from ....tuning.pareto import Front, pareto
-from ..study import Context, Outcome, Picture, Quantity, Statement, study
+from ..study import Compared, Context, Outcome, Picture, Statement, study
 from .passive import ASSUMED_TRACK
 
 #: km/h; s of a run, and of these before the r.m.s. begins
@@ -63,7 +63,7 @@ def gain_over_speed(context: Context) -> Outcome:
         axes[1, 0].set(xlabel="speed, km/h", ylabel="r.m.s. of car body\nacceleration, m/s²", ylim=(0, None))
         legend_above(axes[1, 0], 4)
     loss = np.nanmax(found.rms_constant / found.rms_best) - 1.0
-    quantities = [Quantity("best single gain of balance logic", "(not in the paper)", None, found.constant, "1", False, None)]
+    quantities = [Compared("best single gain of balance logic", "(not in the paper)", None, found.constant, "1", False, None)]
     hunts = SPEEDS[~np.isfinite(found.rms_best)]
     left_out = f" From {hunts[0]:.0f} km/h on the coach hunts on this track; no gain is tuned there." if len(hunts) else ""
     picture = Picture(
