@@ -14,7 +14,7 @@ SLACK = 1e-3
 def sampled(
     clock: Clock, sample_time: Scalar, fresh: Float[Array, "..."], kept: Float[Array, "..."]
 ) -> tuple[Clock, Float[Array, "..."]]:
-    """The clock and what is held from now on: `fresh` where a sample is due, else `kept`; for `Damper.held`.
+    """The clock and what is held from now on: `fresh` where a sample is due, else `kept`; for `Law.held`.
 
     `clock` in s, (*lanes); its rate is 1 and it begins at 0, when the first sample is taken. Samples are taken at the first step that
     reaches a multiple of `sample_time` (s): exactly then if the step divides it, at every step if it is longer. Doing it twice at an instant
