@@ -19,7 +19,7 @@ import pytest
 import railjax
 from railjax.cli.application import app, status
 from railjax.model.vehicle import PARTS
-from railjax.vehicles.ranges import RANGES, Finding
+from railjax.vehicles.ranges import RANGES, Remark
 
 
 def written(tmp_path, text, name="mine"):
@@ -205,11 +205,11 @@ def test_a_yaw_damper_that_opens_for_good_passes(tmp_path):
 
 
 def test_a_finding_tells_its_range():
-    high = Finding("a.b", "what", 1200.0, -math.inf, 0.0, "1/s", "why")
+    high = Remark("a.b", "what", 1200.0, -math.inf, 0.0, "1/s", "why")
     assert high.doubtful
     assert str(high) == "a.b: what 1200 1/s, plausible at most 0 1/s: why"
-    assert Finding("a.b", "what", math.nan, 0.0, 1.0, "m", "why").doubtful
-    assert not Finding("a.b", "what", 0.02, 0.01, math.inf, "m", "why").doubtful
+    assert Remark("a.b", "what", math.nan, 0.0, 1.0, "m", "why").doubtful
+    assert not Remark("a.b", "what", 0.02, 0.01, math.inf, "m", "why").doubtful
 
 
 def test_check_on_the_command_line(run, tmp_path):
