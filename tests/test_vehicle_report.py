@@ -6,12 +6,13 @@ import re
 import numpy as np
 import pytest
 from chromium import looked_at, needs_chromium, well_made
+from markupsafe import Markup
 
 import railjax
 from railjax.cli.application import status
 from railjax.model.parameters import parameters
 from railjax.reports.paper.page import render
-from railjax.reports.vehicle.page import Section, bullets, figure, page, paragraph, table
+from railjax.reports.vehicle.page import Section, bullets, figure, marked, page, paragraph, table
 from railjax.reports.vehicle.sections import ride as report_ride
 from railjax.reports.vehicle.sections.vehicle import shown
 from railjax.reports.vehicle.vehicle_report import SECTIONS
@@ -164,7 +165,8 @@ def test_the_page_of_reproduce_in_chromium(tmp_path):
 
 @needs_chromium
 def test_chromium_sees_what_is_wrong_with_a_page(tmp_path):
-    body = figure("f", "", "", "", "data:image/png;base64,broken") + '<div style="width: 800px">x</div><script>nothing()</script>'
+    wrong = Markup('<div style="width: 800px">x</div><script>nothing()</script>')
+    body = figure("f", "", "", "", "data:image/png;base64,broken") + wrong
     found = looked_at(page("t", "h", "", [Section("here", "Here", body, [("nowhere", "Nowhere")])]), tmp_path)
     assert found["images"] == [["", 0]]
     assert found["missing"] == 1
@@ -182,6 +184,9 @@ def test_texts_are_not_read_as_html():
     assert "&lt;b&gt;" in made
     assert "a &amp; b" in made
     assert '<td>1</td><td class="number">2</td>' in made
+    cells = table(("A", "B"), [("<i>", marked("no", "<b>"))])
+    assert '<td>&lt;i&gt;</td><td><span class="no">&lt;b&gt;</span></td>' in cells
+    assert "".join(cells.split()) in "".join(page("t", "h", cells, []).split())
 
 
 def test_command_line(tmp_path, capsys):

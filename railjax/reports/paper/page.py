@@ -1,11 +1,10 @@
 """The report of `railjax reproduce`."""
 
 from collections.abc import Sequence
-from html import escape
 from typing import Any
 
 from ...base.text import number
-from ..vehicle.page import Section, bullets, figure, page, paragraph, png_uri, table
+from ..vehicle.page import Section, bullets, figure, joined, marked, page, paragraph, png_uri, remarked, table
 
 
 def render(results: dict[str, Any], pictures: Sequence[dict[str, str]]) -> str:
@@ -39,31 +38,27 @@ def render(results: dict[str, Any], pictures: Sequence[dict[str, str]]) -> str:
     # of a few studies alone, some are empty
     sections = [part for part in sections if given[part.slug]]
     heading = f"A magneto-rheological hybrid damper for railway vehicle suspensions: reproduced with railjax {results['railjax']}"
-    return page("railjax: reproduction", heading, paragraph(results["summary"]), sections, f"JAX {escape(results['jax'])}")
-
-
-def _named(entry: dict[str, Any], key: str) -> str:
-    return f"{escape(entry[key])}<br><small>{escape(entry['source'])}</small>"
+    return page("railjax: reproduction", heading, paragraph(results["summary"]), sections, f"JAX {results['jax']}")
 
 
 def _kind(quantity: dict[str, Any]) -> str:
-    return '<span class="fitted">fitted</span>' if quantity["fitted"] else "predicted"
+    return marked("fitted", "fitted") if quantity["fitted"] else "predicted"
 
 
 def _quantities(quantities: Sequence[dict[str, Any]]) -> str:
     rows = []
     for q in quantities:
         difference = f"{q['computed'] - q['paper']:+.3g}" if q["computed"] is not None else "-"
-        verdict = {None: "-", True: '<span class="yes">yes</span>', False: '<span class="no">no</span>'}[q["within"]]
+        verdict = {None: "-", True: marked("yes", "yes"), False: marked("no", "no")}[q["within"]]
         tolerance = "" if q["tolerance"] is None else f" (±{q['tolerance']:g})"
         numbers = number(q["paper"]), number(q["computed"]), difference
-        rows.append((_named(q, "name"), *numbers, escape(q["unit"]), _kind(q), verdict + tolerance))
-    head = ("Compared", "Paper", "railjax", "Difference", "Unit", "Fitted or predicted", "Within tolerance")
+        rows.append((remarked(q["name"], q["source"]), *numbers, q["unit"], _kind(q), verdict + tolerance))
+    head = ("Quantity", "Paper", "railjax", "Difference", "Unit", "Fitted or predicted", "Within tolerance")
     return table(head, rows, numbers=(1, 2, 3))
 
 
 def _figures(pictures: Sequence[dict[str, str]]) -> str:
-    return "".join(figure(p["slug"], p["title"], p["alternative"], p["caption"], png_uri(p["png"])) for p in pictures)
+    return joined(figure(p["slug"], p["title"], p["alternative"], p["caption"], png_uri(p["png"])) for p in pictures)
 
 
 def _entries(pictures: Sequence[dict[str, str]]) -> list[tuple[str, str]]:
@@ -71,19 +66,19 @@ def _entries(pictures: Sequence[dict[str, str]]) -> list[tuple[str, str]]:
 
 
 def _numbers(quantities: Sequence[dict[str, Any]]) -> str:
-    rows = [(_named(q, "name"), number(q["computed"]), escape(q["unit"]), _kind(q)) for q in quantities]
-    return table(("Compared", "railjax", "Unit", "Fitted or predicted"), rows, numbers=(1,))
+    rows = [(remarked(q["name"], q["source"]), number(q["computed"]), q["unit"], _kind(q)) for q in quantities]
+    return table(("Quantity", "railjax", "Unit", "Fitted or predicted"), rows, numbers=(1,))
 
 
 def _statements(statements: Sequence[dict[str, Any]]) -> str:
-    verdicts = {True: '<span class="yes">agrees</span>', False: '<span class="no">does not agree</span>'}
-    rows = [(_named(s, "claim"), verdicts[s["holds"]], escape(s["numbers"])) for s in statements]
+    verdicts = {True: marked("yes", "agrees"), False: marked("no", "does not agree")}
+    rows = [(remarked(s["claim"], s["source"]), verdicts[s["holds"]], s["numbers"]) for s in statements]
     return table(("The paper", "The model", "Numbers"), rows)
 
 
 def _time(results: dict[str, Any]) -> str:
     """Studies by the name that `--only` takes; those kept from an earlier run with what they took then."""
     seconds, memory = results["seconds"], results["peak_memory_mb"]
-    rows = [(escape(name), f"{seconds[name]:.1f}", number(memory[name])) for name in seconds]
+    rows = [(name, f"{seconds[name]:.1f}", number(memory[name])) for name in seconds]
     head = ("Study", "Wall time, s", "Largest memory of the process until its end, MB")
     return table(head, [*rows, ("together", f"{sum(seconds.values()):.1f}", "")], numbers=(1, 2))

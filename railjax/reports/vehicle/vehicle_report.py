@@ -7,7 +7,6 @@ report.save("report.html")
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -143,7 +142,7 @@ def _put_together(
             body = paragraph(absent[slug], "absent") if slug in absent else parts[slug].body
         made.append(Section(slug, title, body))
     lead = paragraph("Lateral dynamics: stability, hunting and ride, computed with railjax.") + key_figures(headlines)
-    footer = f"railjax {escape(__version__)}, JAX {escape(jax.__version__)}; made in {sum(seconds.values()):.0f} s."
+    footer = f"railjax {__version__}, JAX {jax.__version__}; made in {sum(seconds.values()):.0f} s."
     html = page(f"railjax: {name}", f"Report on {name}", lead, made, footer)
     content = {
         "vehicle": vehicle.name,

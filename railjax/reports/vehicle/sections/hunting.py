@@ -1,6 +1,5 @@
 """The sections of a vehicle's report on critical speeds, limit cycles, and what decides them."""
 
-from html import escape
 from typing import Any
 
 import jax
@@ -34,7 +33,7 @@ def critical_speeds(subject: Subject) -> Part:
         frequency, name = float(at.frequency[0]), at.names[0]
         kmh = f"{speed * KMH:.1f} km/h"
         numbers = {"linear_kmh": speed * KMH, "frequency_hz": frequency, "mode": name}
-        rows = [("linear: straight running loses its stability", kmh, f"{frequency:.2f} Hz", escape(name))]
+        rows = [("linear: straight running loses its stability", kmh, f"{frequency:.2f} Hz", name)]
         headline = [("linear critical speed", kmh, f"{name}, {frequency:.2f} Hz")]
     try:
         branch = subject.hunting()

@@ -1,6 +1,5 @@
 """The sections of a vehicle's report on its data and modes."""
 
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from ....model.vehicle import Vehicle
 from ....plots.frames import MODE_AMPLITUDE, of_mode
 from ....plots.top_view import TopView, magnification
 from ....stability.modes import Modes, RootLocus, modes, root_locus
-from ..page import paragraph, table
+from ..page import code, indexed, joined, marked, paragraph, table
 from ..subject import Part, Subject, drawn
 
 #: of the linear critical speed: the range of the root locus
@@ -33,16 +32,16 @@ def shown(value: Float[np.ndarray, "*points"], unit: str) -> tuple[str, str]:
 
 
 def _cells(vehicle: Vehicle, path: str, entry: Any) -> tuple[str, str, str, str]:
-    """Meaning, symbol, value and unit of a parameter, as HTML."""
+    """Meaning, symbol, value and unit of a parameter."""
     text, unit = shown(np.asarray(get_parameter(vehicle, path), float), entry.metadata["unit"])
-    return escape(entry.metadata["meaning"]), symbol(entry.metadata["symbol"]), escape(text), escape(unit)
+    return entry.metadata["meaning"], symbol(entry.metadata["symbol"]), text, unit
 
 
 def symbol(plain: str) -> str:
     """A parameter's symbol as HTML: rho_ox as ρ with its index below."""
     letters = {"rho": "ρ", "mu": "μ", "lambda": "λ", "delta": "δ"}
     name, _, index = plain.partition("_")
-    return escape(letters.get(name, name)) + (f"<sub>{escape(index)}</sub>" if index else "")
+    return indexed(letters.get(name, name), index)
 
 
 def about(subject: Subject) -> Part:
@@ -53,10 +52,8 @@ def about(subject: Subject) -> Part:
     for origin in vehicle.provenance:
         if origin.status != "published" and origin.parameter in entries:
             meaning, symbol, text, unit = _cells(vehicle, origin.parameter, entries[origin.parameter])
-            rows.append(
-                (meaning, symbol, f"{text} {unit}", f'<span class="{origin.status}">{origin.status}</span>', escape(origin.note))
-            )
-    lines = "".join(paragraph(line.strip()) for line in str(vehicle).splitlines() if "not from the source" not in line)
+            rows.append((meaning, symbol, f"{text} {unit}", marked(origin.status, origin.status), origin.note))
+    lines = joined(paragraph(line.strip()) for line in str(vehicle).splitlines() if "not from the source" not in line)
     note = paragraph(vehicle.note) if vehicle.note else ""
     if rows:
         kinds = ", ".join(dict.fromkeys(p.status for p in vehicle.provenance if p.status != "published"))
@@ -83,7 +80,7 @@ def all_parameters(subject: Subject) -> Part:
     ]
     for path, entry in free:
         kind = status.get(path, "")
-        rows.append((*_cells(vehicle, path, entry), f'<span class="{kind}">{kind}</span>', f"<code>{escape(path)}</code>"))
+        rows.append((*_cells(vehicle, path, entry), marked(kind, kind), code(path)))
     body = table(("Parameter", "Symbol", "Value", "Unit", "Status", "Name in railjax"), rows, numbers=(2,))
     note = "Springs and dampers are per side: a bogie has two secondary corners, a wheelset two axle boxes. Creep coefficients are per wheel."
     values = {path: np.asarray(get_parameter(vehicle, path), float).tolist() for path, _ in free}
@@ -98,7 +95,7 @@ def modal(subject: Subject) -> Part:
     listed = [k for k in range(len(found.names)) if found.frequency[k] > 0.0 and found.damping_ratio[k] < 0.9]
     rows = [
         (
-            escape(found.names[k]),
+            found.names[k],
             f"{found.frequency[k]:.3f}",
             f"{100.0 * found.damping_ratio[k]:.2f}",
             f"{found.eigenvalues[k].real:.3f}",
