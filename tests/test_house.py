@@ -17,7 +17,7 @@ ROOMS = sorted(path.parent for path in PACKAGE.rglob("__init__.py") if path.pare
 
 
 def test_rooms_import_downwards_only_and_in_no_circle():
-    command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache", "--config", "pyproject.toml"]
+    command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"]
     found = subprocess.run(command, cwd=PACKAGE.parent, capture_output=True, text=True)
     assert found.returncode == 0, found.stdout[-3000:]
     assert "0 broken" in found.stdout

@@ -227,7 +227,7 @@ def test_report_is_self_contained_and_calls_fitted_fitted(fakes, tmp_path):
     assert len(images) == 2
     for image, name in zip(images, ("first", "second"), strict=True):
         assert 'src="data:image/png;base64,iVBORw0KGgo' in image
-        assert f'alt="what &quot;{name}&quot; shows"' in image
+        assert f'alt="what &#34;{name}&#34; shows"' in image
     first, second = (next(row for row in page.split("<tr>") if f"speed of {name}" in row) for name in ("first", "second"))
     assert "predicted" in first
     assert '<span class="fitted">' not in first
