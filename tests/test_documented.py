@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import railjax
-from railjax import objectives
+from railjax import objectives, testing
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 sys.path.insert(0, str(NOTEBOOKS))
@@ -34,6 +34,7 @@ FUNCTIONS |= {
     for name, value in vars(objectives).items()
     if inspect.isfunction(value) and value.__module__ == objectives.__name__ and not name.startswith("_")
 }
+FUNCTIONS |= {f"testing.{name}": getattr(testing, name) for name in ("check_damper", "check_track", "check_objective")}
 CLASSES = {name: value for name in NAMES if inspect.isclass(value := getattr(railjax, name))}
 METHODS = {
     f"{name}.{key}": inspect.unwrap(getattr(kind, key))
