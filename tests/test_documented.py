@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import railjax
-from railjax import objectives
+from railjax import objectives, testing
 
 griffe = pytest.importorskip("griffe", reason="needs the extra docs")
 
@@ -37,6 +37,7 @@ FUNCTIONS |= {
     for name, value in vars(objectives).items()
     if inspect.isfunction(value) and value.__module__ == objectives.__name__ and not name.startswith("_")
 }
+FUNCTIONS |= {f"testing.{name}": getattr(testing, name) for name in ("check_damper", "check_track", "check_objective")}
 CLASSES = {name: value for name in NAMES if inspect.isclass(value := getattr(railjax, name))}
 #: whose constructor is written by hand and not made of the fields
 CONSTRUCTORS = {
