@@ -22,27 +22,21 @@ DIAGRAM, FILM = "bifurcation.svg", "hunting.gif"
 #: share of the way from the nonlinear to the linear critical speed at which it is seen hunting: straight running is stable there, too
 BETWEEN = 0.6
 #: of the film as shown, pixels
-WIDTH = 560
+WIDTH = 520
 
 
 def bifurcation(branch: Branch, out: Path) -> None:
     """The branch's own figure, its two critical speeds named."""
     with figure(height=3.3) as (page, axes):
-        axes[0, 0].set_title("How far it hunts, at which speed", loc="left", fontsize=9.5, pad=10)
-        branch.plot(axes[0, 0])
-        marks = [(branch.hopf.speed, 0.0, "linear critical speed", (8, 10))]
+        ax, hopf = axes[0, 0], float(branch.hopf.speed)
+        branch.plot(ax)
+        marks = [(hopf, 0.0, "linear critical speed")]
         if branch.fold is not None:
-            marks.append((branch.fold.speed, branch.fold.amplitude, "nonlinear critical speed", (-8, 10)))
-        for speed, amplitude, text, offset in marks:
-            side = "left" if offset[0] > 0 else "right"
-            axes[0, 0].annotate(
-                f"{text}\n{float(speed) * KMH:.1f} km/h",
-                (float(speed) * KMH, 1e3 * amplitude),
-                offset,
-                textcoords="offset points",
-                ha=side,
-            )
-        with mpl.rc_context({"svg.hashsalt": "railjax", "svg.fonttype": "none"}):
+            marks.append((branch.fold.speed, 1e3 * branch.fold.amplitude, "nonlinear critical speed"))
+        for speed, amplitude, text in marks:
+            ax.annotate(f"{text}\n{speed * KMH:.1f} km/h", (speed * KMH, amplitude), (8, 14), textcoords="offset points")
+        ax.set(ylim=(0.0, 1.2e3 * branch.amplitude.max()))
+        with mpl.rc_context({"svg.hashsalt": "railjax"}):
             page.savefig(out, metadata={"Date": None})
 
 
@@ -62,7 +56,7 @@ def hunting(vehicle: railjax.Vehicle, branch: Branch, out: Path, frames: int) ->
                 whole = film.convert("RGB")
                 shown.append(whole.resize((WIDTH, round(WIDTH * whole.height / whole.width)), Image.Resampling.LANCZOS))
             last = film.info["duration"]
-    palette = shown[0].quantize(32)
+    palette = shown[0].quantize(24, method=Image.Quantize.MAXCOVERAGE)
     small = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in shown]
     small[0].save(out, save_all=True, append_images=small[1:], duration=every * last, loop=0, optimize=True)
 
@@ -72,7 +66,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--out", type=Path, default=Path(__file__).resolve().parent / "pages", help="folder")
     options.add_argument("--vehicle", default="coach", help="a packaged vehicle or a file")
-    options.add_argument("--frames", type=int, default=24, help="pictures of the film")
+    options.add_argument("--frames", type=int, default=16, help="pictures of the film")
     given = options.parse_args()
     railjax.use_double_precision()
     vehicle = railjax.load_vehicle(given.vehicle)

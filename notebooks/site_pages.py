@@ -52,6 +52,7 @@ def front_page() -> str:
     """The README, its links turned to the site's pages, with the figure of its first example."""
     text = (ROOT / "README.md").read_text("utf-8")
     text = re.sub(r"\]\(notebooks/(?:pages/)?([\w-]+)\.(?:md|ipynb)\)", r"](\1.md)", text)
+    text = re.sub(r"\]\(notebooks/pages/([\w-]+\.(?:svg|gif))\)", r"](\1)", text)
     text = text.replace("](CHANGELOG.md)", "](changelog.md)")
     first = re.search(r"```python\n.*?```\n", text, flags=re.DOTALL)
     assert first

@@ -8,13 +8,18 @@ RAILJAX_ALL_BLOCKS=1.
 import ast
 import os
 import re
+import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 import railjax
 
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "notebooks"))
+import pictures  # noqa: E402
+
 README = ROOT / "README.md"
 PAGES = sorted((ROOT / "notebooks" / "pages").glob("*.md"))
 ELSEWHERE = ("dask.distributed", "jax.distributed")
@@ -91,3 +96,21 @@ def test_every_equation_of_the_paper_has_its_place():
     numbers = [tuple(map(int, re.findall(r"\d+", cell))) for cell in table]
     covered = [k for pair in numbers for k in range(pair[0], pair[-1] + 1)]
     assert covered == list(range(1, 19))
+
+
+def test_the_pictures_at_its_head_are_there_and_small_and_made_by_one_command(tmp_path, monkeypatch):
+    head = README.read_text(encoding="utf-8").partition("```")[0]
+    shown = re.findall(r"\]\((notebooks/pages/[\w-]+\.(?:svg|gif))\)", head)
+    assert sorted(Path(path).name for path in shown) == sorted([pictures.DIAGRAM, pictures.FILM])
+    assert "python notebooks/pictures.py" in (ROOT / "notebooks" / "pages" / "contributing.md").read_text(encoding="utf-8")
+    for path in shown:
+        assert 5e3 < (ROOT / path).stat().st_size < 150e3, path
+    for number in ("245.6", "234.2"):  # of the coach, as the page's description says
+        assert number in head
+    monkeypatch.setattr(sys, "argv", ["pictures.py", "--out", str(tmp_path), "--vehicle", "single-wheelset", "--frames", "3"])
+    pictures.main()
+    with Image.open(tmp_path / pictures.FILM) as film, Image.open(ROOT / "notebooks" / "pages" / pictures.FILM) as committed:
+        assert film.n_frames == 3
+        assert committed.n_frames == 16
+        assert film.width == committed.width
+    assert "<svg" in (tmp_path / pictures.DIAGRAM).read_text(encoding="utf-8")[:600]
