@@ -5,6 +5,8 @@ y_max has a wavelength L, and the cone of the same wavelength, tan gamma_e = (2 
 (y_max - y_min)/2.
 """
 
+import functools
+from types import ModuleType
 from typing import Any
 
 import jax
@@ -12,9 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .checks import Range, Rising, Samples, guarded, traced
+from .checks import Range, Rising, Samples, guarded
 from .errors import InputError
+from .namespace import constant, namespace, repeated
 from .typing import Scalar
+
+Values = Float[Array, "..."] | Float[np.ndarray, "..."]
 
 #: nodes of the integral over half a wave; measured Delta r has corners, which is what asks for many
 NODES = 400
@@ -46,7 +51,7 @@ def equivalent_conicity(
     *,
     half_distance: Scalar = 0.75,
     radius: Scalar = 0.46,
-) -> Float[Array, "..."]:
+) -> Values:
     """tan gamma_e of a function Delta r(y), EN 15302: (2 pi/L)² e r_0, L the wavelength of the free wheelset's path.
 
     y'' = -Delta r/(2 e r_0) is integrated over the full period: with V = ∫ Delta r dy, the wave between y_min and y_max, where V is the
@@ -64,16 +69,17 @@ def equivalent_conicity(
     NaN where there is no free wave of that amplitude: Delta r drives the wheelset away, or the wave does not fit into y. Raises `InputError`
     for lengths that differ, samples that are not finite, and where no amplitude fits into y.
     """
-    y, delta_r, amplitude = jnp.asarray(y, float), jnp.asarray(delta_r, float), jnp.asarray(amplitude, float)
+    xp = namespace((y, delta_r, amplitude))
+    y, delta_r, amplitude = (xp.asarray(value, float) for value in (y, delta_r, amplitude))
     if y.shape != delta_r.shape:
         raise InputError(f"delta_r must have a value for each y: {delta_r.shape} and {y.shape}")
-    if not traced((y, delta_r, amplitude)):
+    if xp is np:
         widest = 0.5 * float(y[-1] - y[0])
         if np.all(np.asarray(amplitude) > widest):
             raise InputError(f"amplitude must be at most {widest:.4g} m, half the range of y, not {np.min(amplitude):.4g}")
         if not np.all(np.isfinite(delta_r)):
             raise InputError("delta_r must be finite numbers (m)")
-    return _conicity(y, delta_r, amplitude)
+    return np.asarray(_conicity(np, y, delta_r, amplitude)) if xp is np else _compiled(y, delta_r, amplitude)
 
 
 @guarded(y=_displacements, delta_r=_SAMPLES)
@@ -83,7 +89,7 @@ def nonlinearity_parameter(
     *,
     half_distance: Scalar = 0.75,
     radius: Scalar = 0.46,
-) -> Float[Array, ""]:
+) -> Values:
     """N_P = (tan gamma_e(4 mm) - tan gamma_e(2 mm))/(2 mm), in 1/m: how the conicity changes with amplitude.
 
     Where it falls (N_P < 0) limit cycles of small amplitude start below the linear critical speed, where it rises the wheelset hunts hard at
@@ -91,66 +97,66 @@ def nonlinearity_parameter(
     `half_distance` (m) and `radius` (m).
     """
     low, high = NONLINEARITY
-    small, large = equivalent_conicity(y, delta_r, jnp.array([low, high]), half_distance=half_distance, radius=radius)
+    small, large = equivalent_conicity(y, delta_r, np.array([low, high]), half_distance=half_distance, radius=radius)
     return (large - small) / (high - low)
 
 
-@jax.jit
-def _conicity(
-    y: Float[Array, "n"], delta_r: Float[Array, "n"], amplitude: Float[Array, "..."]
-) -> Float[Array, "..."]:
-    potential = _Potential(y, delta_r)
-    middle = _middle(potential, amplitude)
+def _conicity(xp: ModuleType, y: Values, delta_r: Values, amplitude: Values) -> Values:
+    potential = _Potential(xp, y, delta_r)
+    middle = _middle(xp, potential, amplitude)
     # y = middle + A sin(theta): the ends' 1/√ cancels against cos(theta)
     theta, weight = np.polynomial.legendre.leggauss(NODES)
-    theta = 0.5 * np.pi * theta
-    sine, cosine, weight = (jnp.asarray(part, y.dtype) for part in (np.sin(theta), np.cos(theta), 0.5 * np.pi * weight))
+    theta, weight = 0.5 * np.pi * theta, 0.5 * np.pi * weight
+    sine, cosine, weight = (xp.asarray(part, y.dtype) for part in (np.sin(theta), np.cos(theta), weight))
     inside = middle[..., None] + amplitude[..., None] * sine
     level = 0.5 * (potential(middle + amplitude) + potential(middle - amplitude))
     depth = level[..., None] - potential(inside)
     inside_y = (middle + amplitude <= y[-1]) & (middle - amplitude >= y[0])
-    wave, still = jnp.all(depth > 0.0, axis=-1), jnp.all(depth >= 0.0, axis=-1)
-    depth = jnp.where(wave[..., None], depth, 1.0)  # a lane without a wave leaves the derivatives of the others alone
+    wave, still = xp.all(depth > 0.0, axis=-1), xp.all(depth >= 0.0, axis=-1)
+    depth = xp.where(wave[..., None], depth, 1.0)  # a lane without a wave leaves the derivatives of the others alone
     # half the wave over √(e r_0)
-    half = jnp.sum(weight * amplitude[..., None] * cosine / jnp.sqrt(depth), axis=-1)
+    half = xp.sum(weight * amplitude[..., None] * cosine / xp.sqrt(depth), axis=-1)
     # L = 2 √(e r_0) half, so (2 pi/L)² e r_0 = (pi/half)²: e and r_0 drop out
-    found = jnp.where(wave, (jnp.pi / half) ** 2, 0.0)  # where nothing pulls the wave is infinitely long
-    return jnp.where(still & inside_y, found, jnp.nan)
+    found = xp.where(wave, (np.pi / half) ** 2, 0.0)  # where nothing pulls the wave is infinitely long
+    return xp.where(still & inside_y, found, xp.nan)
 
 
-def _middle(potential: "_Potential", amplitude: Float[Array, "..."]) -> Float[Array, "..."]:
+def _middle(xp: ModuleType, potential: "_Potential", amplitude: Values) -> Values:
     """Where the wave's middle lies: V(c + A) = V(c - A), whose difference rises with c; halved, then a Newton step for the derivative."""
-    low = jnp.broadcast_to(potential.y[0], amplitude.shape) + amplitude
-    high = jnp.broadcast_to(potential.y[-1], amplitude.shape) - amplitude
+    ends = potential.y[0] + amplitude, potential.y[-1] - amplitude
 
-    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+    def halve(ends: tuple[Values, Values]) -> tuple[Values, Values]:
         centre = 0.5 * (ends[0] + ends[1])
         right = potential(centre + amplitude) > potential(centre - amplitude)
-        return jnp.where(right, ends[0], centre), jnp.where(right, centre, ends[1])
+        return xp.where(right, ends[0], centre), xp.where(right, centre, ends[1])
 
-    low, high = jax.lax.fori_loop(0, HALVINGS, halve, (low, high))
-    centre, width = jax.lax.stop_gradient(0.5 * (low + high)), jax.lax.stop_gradient(amplitude)
-    slope = jax.lax.stop_gradient(potential.rate(centre + width) - potential.rate(centre - width))
-    return centre - (potential(centre + amplitude) - potential(centre - amplitude)) / jnp.where(slope > 0.0, slope, 1.0)
+    low, high = repeated(xp, HALVINGS, halve, ends)
+    centre, width = constant(xp, (0.5 * (low + high), amplitude))
+    slope = constant(xp, potential.rate(centre + width) - potential.rate(centre - width))
+    return centre - (potential(centre + amplitude) - potential(centre - amplitude)) / xp.where(slope > 0.0, slope, 1.0)
 
 
 class _Potential:
     """V = ∫ Delta r dy of straight lines between the samples, from y_0 on."""
 
-    def __init__(self, y: Float[Array, "n"], delta_r: Float[Array, "n"]):
-        step = jnp.diff(y)
+    def __init__(self, xp: ModuleType, y: Values, delta_r: Values):
+        step = xp.diff(y)
+        self.xp = xp
         self.y, self.values = y, delta_r
-        self.slope = jnp.diff(delta_r) / step
-        self.total = jnp.concatenate([jnp.zeros(1, y.dtype), jnp.cumsum(0.5 * (delta_r[1:] + delta_r[:-1]) * step)])
+        self.slope = xp.diff(delta_r) / step
+        self.total = xp.concatenate([xp.zeros(1, y.dtype), xp.cumsum(0.5 * (delta_r[1:] + delta_r[:-1]) * step)])
 
-    def _at(self, y: Float[Array, "..."]) -> tuple[Array, Array]:
-        index = jnp.clip(jnp.searchsorted(self.y, y, side="right") - 1, 0, len(self.slope) - 1)
+    def _at(self, y: Values) -> tuple[Values, Values]:
+        index = self.xp.clip(self.xp.searchsorted(self.y, y, side="right") - 1, 0, len(self.slope) - 1)
         return index, y - self.y[index]
 
-    def __call__(self, y: Float[Array, "..."]) -> Float[Array, "..."]:
+    def __call__(self, y: Values) -> Values:
         index, beyond = self._at(y)
         return self.total[index] + beyond * (self.values[index] + 0.5 * self.slope[index] * beyond)
 
-    def rate(self, y: Float[Array, "..."]) -> Float[Array, "..."]:
+    def rate(self, y: Values) -> Values:
         index, beyond = self._at(y)
         return self.values[index] + self.slope[index] * beyond
+
+
+_compiled = jax.jit(functools.partial(_conicity, jnp))

@@ -1,8 +1,8 @@
 """Contact geometry of a wheelset on its rails over its lateral displacement, sharply with its jumps and as elastic contact smooths them."""
 
-import dataclasses
 import functools
 from dataclasses import dataclass
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .checks import Range, Rising, guarded, positive, shown, traced
-from .contact_points import STEP, Contacts, Cubics, Side, contacts, laid
+from .contact_points import STEP, Contacts, Cubics, Pose, Side, contacts, laid, touching
 from .errors import InputError
 from .kalker import STEEL_POISSON, STEEL_YOUNG, ContactEllipse, CreepCoefficients, contact_ellipse, creep_coefficients
+from .namespace import known
 from .precision import require_double_precision
 from .profiles import RailProfile, WheelProfile
 from .typing import Number, Scalar
@@ -26,11 +27,11 @@ PerY = Float[Array, "y"]
 PerSide = Float[Array, "y 2"]
 
 #: m; displacements at which the geometry is computed unless others are asked for
-LATERAL = np.linspace(-10e-3, 10e-3, 401)
+LATERAL = np.linspace(-10e-3, 10e-3, 201)
 #: share of Hertz's approach over which the soft contact spreads: with it the variance along the surface is that of Hertz's ellipse, b²/5
 SPREAD = 0.2
-#: m by which a contact moves on the wheel within a small step of y where it jumps; the parts into which such a step is cut to see it
-JUMP, PARTS = 0.5e-3, 400
+#: m by which a contact moves on the wheel where it jumps, however small the step of y; how often a step is halved to see it
+JUMP, HALVINGS = 0.3e-3, 14
 #: rad; a contact angle at rest beyond which the flanges stand on the rails
 STANDING = 0.6
 #: 1/m; flatter gaps are taken as this one in Hertz's theory, whose ellipse would be wider than any rail
@@ -212,54 +213,48 @@ def contact_geometry(
         tread_datum: m from the back of the flange to the tread datum, where a profile's lateral position is 0
         radius: r_0, m, at the tread datum; (right, left) for unequal wheels
         inclination: of the rails, as a slope: 1/40, 1/20, or 0 where the profile is that of an inclined rail; (right, left) if they differ
-        y: displacements of the wheelset's middle, m, rising, known numbers; None: -10 to 10 mm by 0.05
+        y: displacements of the wheelset's middle, m, rising, known numbers; None: -10 to 10 mm by 0.1
         load: N, normal force of a wheel from which `approach` follows if it is None
         approach: m, by which wheel and rail come nearer under load; None: Hertz's of a round contact of the wheel's radius, 62 um under 50 kN
 
     Raises `InputError` where the wheelset does not fit into the gauge, a rail does not reach 14 mm below its top, or a contact is beyond the
     end of a profile.
     """
-    require_double_precision("contact geometry")
     wheels, rails = _two(wheel, WheelProfile), _two(rail, RailProfile)
     at = LATERAL if y is None else np.asarray(y, float)
-    radii, slopes = (jnp.stack([jnp.asarray(one, float) for one in _two_numbers(key, value)]) for key, value in (("radius", radius), ("inclination", inclination)))
-    gauge, flange_back, tread_datum = (jnp.asarray(value, float) for value in (gauge, flange_back, tread_datum))
-    if approach is None:
-        modulus = STEEL_YOUNG / (2.0 * (1.0 - STEEL_POISSON**2))
-        approach = (9.0 * jnp.asarray(load, float) ** 2 / (16.0 * jnp.mean(radii) * modulus**2)) ** (1.0 / 3.0)
+    numbers = [_two_numbers(key, one) for key, one in (("radius", radius), ("inclination", inclination))]
+    given = (wheels, rails, gauge, flange_back, tread_datum, *numbers, load, approach)
     steps = int(np.ceil(np.max(np.abs(at)) / STEP - 1e-9))
-    found = _geometry(wheels, rails, gauge, flange_back, tread_datum, radii, slopes, jnp.asarray(at), jnp.asarray(approach, float), steps)
-    if not traced(found):
-        _refuse(found)
+    if traced(given):
+        require_double_precision("the derivative of a contact geometry, or one inside jit,")
+        return _compiled(given, at, steps)
+    found = _geometry(np, known(given), at, steps)
+    _refuse(found)
     return found
 
 
-@functools.partial(jax.jit, static_argnums=9)
-def _geometry(
-    wheels: tuple[WheelProfile, WheelProfile],
-    rails: tuple[RailProfile, RailProfile],
-    gauge: Scalar,
-    flange_back: Scalar,
-    tread_datum: Scalar,
-    radii: Float[Array, "2"],
-    slopes: Float[Array, "2"],
-    y: PerY,
-    approach: Scalar,
-    steps: int,
-) -> ContactGeometry:
-    treads, heads = _alike(wheels), _alike(rails)
-    places = [jnp.asarray(wheel.searched) for wheel in wheels]
-    longest = max(map(len, places))
-    # places that are there twice have no weight
-    places = jnp.stack([jnp.pad(one, (0, longest - len(one)), mode="edge") for one in places])
-    tilt = jnp.arctan(slopes)
-    drawn = [jnp.asarray(rail.drawn) for rail in rails]
-    deepest = max(one.shape[1] for one in drawn)
-    drawn = jnp.stack([jnp.pad(one, ((0, 0), (0, deepest - one.shape[1])), mode="edge") for one in drawn])
-    origin, top = jax.vmap(laid, (0, 0, 0, None))(heads, drawn, tilt, gauge)
-    base = jnp.broadcast_to(0.5 * flange_back + tread_datum, (2,))
-    sides = Side(jnp.array([1.0, -1.0]), treads, heads, places, radii, jnp.broadcast_to(jnp.mean(radii), (2,)), base, tilt, origin, top)
-    sharp, smooth = contacts(sides, y, SPREAD * approach, steps)
+def _geometry(xp: ModuleType, given: tuple, y: PerY, steps: int) -> ContactGeometry:
+    wheels, rails, gauge, flange_back, tread_datum, radii, slopes, load, approach = given
+    radii, slopes = xp.stack(radii), xp.stack(slopes)
+    if approach is None:
+        modulus = STEEL_YOUNG / (2.0 * (1.0 - STEEL_POISSON**2))
+        approach = (9.0 * load**2 / (16.0 * xp.mean(radii) * modulus**2)) ** (1.0 / 3.0)
+    both, heads, tilt = xp.ones(2), _alike(xp, rails), xp.arctan(slopes)
+    # of two lengths: what is there twice has no weight
+    places = _stacked(xp, [wheel.searched for wheel in wheels])
+    drawn = _stacked(xp, [rail.drawn for rail in rails])
+    sides = Side(
+        np.array([1.0, -1.0]),
+        _alike(xp, wheels),
+        heads,
+        places,
+        radii,
+        xp.mean(radii) * both,
+        (0.5 * flange_back + tread_datum) * both,
+        tilt,
+        *laid(xp, heads, drawn, tilt, gauge),
+    )
+    sharp, smooth = contacts(xp, sides, y, SPREAD * approach, steps)
     return ContactGeometry(
         **_functions(y, sharp),
         wheel_curvature=sharp.wheel_curvature.T,
@@ -269,6 +264,14 @@ def _geometry(
         sides=sides,
         approach=approach,
     )
+
+
+_compiled = jax.jit(functools.partial(_geometry, jnp), static_argnums=2)
+
+
+def _stacked(xp: ModuleType, pair: list[Array]) -> Array:
+    longest = max(one.shape[-1] for one in pair)
+    return xp.stack([xp.pad(one, [(0, 0)] * (one.ndim - 1) + [(0, longest - one.shape[-1])], mode="edge") for one in pair])
 
 
 def _functions(y: PerY, found: Contacts) -> dict[str, Array]:
@@ -284,18 +287,20 @@ def _functions(y: PerY, found: Contacts) -> dict[str, Array]:
     }
 
 
-def _alike(pair: tuple[Any, Any]) -> Cubics:
+def _alike(xp: ModuleType, pair: tuple[Any, Any]) -> Cubics:
     """Two tables stacked, the shorter one with straight lines beyond its end."""
-    rows, starts, steps = zip(*[(one.cubics(), one.lateral[0], one.lateral[1] - one.lateral[0]) for one in pair], strict=True)
-    longest = max(len(one) for one in rows)
+    rows = [one.cubics(xp) for one in pair]
+    longest = max(map(len, rows))
 
-    def longer(own: Float[Array, "intervals 4"]) -> Float[Array, "intervals 4"]:
-        last = own[-1]
-        slope, beyond = last[1] + 2.0 * last[2] + 3.0 * last[3], jnp.arange(longest - len(own))
-        straight = jnp.stack([jnp.sum(last) + slope * beyond, jnp.broadcast_to(slope, beyond.shape)], axis=-1)
-        return jnp.concatenate([own, jnp.pad(straight, ((0, 0), (0, 2)))])
+    def longer(own: Array) -> Array:
+        a, b, c, d = own[-1]
+        slope, beyond = b + 2.0 * c + 3.0 * d, np.arange(longest - len(own))
+        straight = xp.stack([a + b + c + d + slope * beyond, slope + 0.0 * beyond], axis=-1)
+        return xp.concatenate([own, xp.pad(straight, ((0, 0), (0, 2)))])
 
-    return Cubics(jnp.stack([jnp.asarray(s) for s in starts]), jnp.stack([jnp.asarray(s) for s in steps]), jnp.stack([longer(one) for one in rows]))
+    return Cubics(
+        xp.stack([one.lateral[0] for one in pair]), xp.stack([one.lateral[1] - one.lateral[0] for one in pair]), xp.stack(list(map(longer, rows)))
+    )
 
 
 def _two(value: Pair, kind: type) -> tuple[Any, Any]:
@@ -305,7 +310,7 @@ def _two(value: Pair, kind: type) -> tuple[Any, Any]:
 
 
 def _two_numbers(key: str, value: Any) -> tuple[Any, Any]:
-    if np.ndim(value) == 0:
+    if not isinstance(value, (tuple, list)) and not getattr(value, "ndim", 0):
         return value, value
     if len(value) != 2:
         raise InputError(f"{key} must be a number or two, (right, left), not {len(value)}")
@@ -316,15 +321,16 @@ def _refuse(found: ContactGeometry) -> None:
     """What is known to be no geometry of a wheelset on its rails."""
     wheels, rails = found.profiles
     for side, (wheel, rail, named) in enumerate(zip(wheels, rails, ("right", "left"), strict=True)):
-        if np.isnan(found.sides.origin[side]).any():
+        if np.isnan(found.sides.outwards[side]):
             raise InputError(f"{rail.name}: the gauge side does not reach 14 mm below the top, where gauge is measured; the profile is too short")
-        place, last = np.asarray(found.wheel_position[:, side]), float(wheel.lateral[-1])
-        ends = np.abs(place - last) < 1e-6
-        if np.any(ends):
-            at = float(found.y[int(np.argmax(ends))])
-            raise InputError(
-                f"{wheel.name}: at y = {1e3 * at:.2f} mm the {named} wheel would touch beyond its end at {1e3 * last:.1f} mm; the profile is too short for the gauge"
-            )
+        place = np.asarray(found.wheel_position[:, side])
+        for end in (wheel.lateral[0], wheel.lateral[-1]):
+            beyond = np.abs(place - end) < 1e-6
+            if np.any(beyond):
+                at = float(found.y[int(np.argmax(beyond))])
+                raise InputError(
+                    f"{wheel.name}: at y = {1e3 * at:.2f} mm the {named} wheel would touch beyond its end at {1e3 * end:.1f} mm; the profile is too short for the gauge"
+                )
     if not np.all(np.isfinite(found.roll)) or not np.all(np.isfinite(found.smooth.roll)):
         raise InputError("the profiles, or gauge and flange_back, are not those of a wheelset on rails: no contact was found")
     rest = np.asarray(found.contact_angle)[int(np.argmin(np.abs(np.asarray(found.y))))]
@@ -335,19 +341,21 @@ def _refuse(found: ContactGeometry) -> None:
 
 
 def _jumps(found: ContactGeometry) -> tuple[Float[np.ndarray, "jumps"], Float[np.ndarray, "jumps"]]:
-    """Where a contact jumps, by how much Delta r does: steps in which it moves far are looked at more finely, and what stays is a jump."""
+    """Where a contact jumps, and by how much Delta r does: steps in which a contact moves far are halved, and what does not become
+    small is a jump. Of two within a step the larger counts."""
     y, place = np.asarray(found.y), np.asarray(found.wheel_position)
-    where, sizes = [], []
-    for k in np.flatnonzero(np.max(np.abs(np.diff(place, axis=0)), axis=1) > JUMP):
-        fine = np.linspace(y[k], y[k + 1], PARTS + 1)
-        steps = int(np.ceil(np.max(np.abs(y)) / STEP - 1e-9))
-        sharp, _ = _again(found.sides, fine, SPREAD * found.approach, steps)
-        moved = np.max(np.abs(np.diff(np.asarray(sharp.position), axis=1)), axis=0)
-        for j in np.flatnonzero(moved > JUMP):
-            where.append(0.5 * (fine[j] + fine[j + 1]))
-            delta_r = np.asarray(sharp.radius[0] - sharp.radius[1])
-            sizes.append(delta_r[j + 1] - delta_r[j])
-    return np.array(where), np.array(sizes)
-
-
-_again = jax.jit(contacts, static_argnums=3)
+    suspect = np.flatnonzero(np.max(np.abs(np.diff(place, axis=0)), axis=1) > JUMP)
+    ends = [
+        (y[suspect + k], Pose(np.asarray(found.height)[suspect + k], np.asarray(found.roll)[suspect + k])) for k in (0, 1)
+    ]
+    if not suspect.size:
+        return np.zeros(0), np.zeros(0)
+    side = known(found.sides)
+    low, high = (touching(side, at, pose) for at, pose in ends)
+    for _ in range(HALVINGS):
+        middle = touching(side, 0.5 * (low.y + high.y), Pose(*(0.5 * (a + b) for a, b in zip(low.pose, high.pose, strict=True))))
+        first = np.max(np.abs(middle.place - low.place), axis=0) > np.max(np.abs(high.place - middle.place), axis=0)
+        low, high = (jax.tree.map(lambda a, b: np.where(first, a, b), *pair) for pair in ((low, middle), (middle, high)))
+    jumped = np.max(np.abs(high.place - low.place), axis=0) > JUMP
+    size = (high.rise - low.rise)[0] - (high.rise - low.rise)[1]
+    return (0.5 * (low.y + high.y))[jumped], size[jumped]

@@ -7,21 +7,27 @@ rail is turned by alpha. The gap g is measured in the rail's own frame, where th
 The wheelset's height Z and roll phi follow from D_R = D_L = 0, where D is the least gap, or its soft twin -epsilon ln ∫ exp(-g_n/epsilon) dl
 over the surface (g_n along the normal), whose weights exp(-g_n/epsilon) are those of the contact. By the envelope theorem a derivative of D
 is that of g at the contact point (its weighted mean), so the last Newton step, taken from a point held constant, carries the derivatives.
+
+Arrays have the sides (right, left) first, then y, then places along the wheel.
 """
 
 import functools
+import math
+from collections.abc import Callable
+from types import ModuleType
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
+
+from .namespace import constant, followed, repeated
 
 #: m below the rail's top where gauge is measured
 GAUGE_DEPTH = 14e-3
 #: m between the steps by which the wheelset is moved outwards to find where it rolls to
 STEP = 0.1e-3
-#: Newton steps of the height and roll: at rest, on the way outwards, and at each y
-AT_REST, OUTWARDS, AT_Y = 8, 3, 3
+#: Newton steps of the height and roll at each y, and how often they are taken at rest
+AT_Y, AT_REST = 2, 4
 #: 1/m; curvature below which two surfaces are parallel, and the place of the contact between them anywhere
 PARALLEL = 1e-3
 #: m; gaps that differ by less are the same
@@ -31,64 +37,90 @@ MOST_HEIGHT, MOST_ROLL = 2e-3, 3e-3
 #: m; width of a contact whose soft least is its sharp one
 REFERENCE = 5e-3
 
-Places = Float[Array, "..."]
+Places = Float[Array, "..."] | Float[np.ndarray, "..."]
 
 
 class Cubics(NamedTuple):
-    """A function in a table of cubics over equal steps, straight beyond its ends."""
+    """A function of each side in a table of cubics over equal steps, straight beyond its ends."""
 
-    start: Float[Array, ""]
-    step: Float[Array, ""]
-    rows: Float[Array, "intervals 4"]
+    start: Places  # (2,)
+    step: Places  # (2,)
+    rows: Places  # (2, intervals, 4)
 
-    def __call__(self, x: Places) -> tuple[Places, Places, Places]:
-        """Value, slope and second derivative."""
-        t = (x - self.start) / self.step
-        count = self.rows.shape[0]
-        index = jnp.clip(jnp.floor(t), 0, count - 1)
-        row = self.rows[index.astype(int)]
+    def _in(self, xp: ModuleType, x: Places) -> tuple[Places, list[Places], Places]:
+        shape = (2,) + (1,) * (x.ndim - 1)
+        count = self.rows.shape[1]
+        t = (x - self.start.reshape(shape)) / self.step.reshape(shape)
+        index = xp.clip(xp.floor(t), 0, count - 1)
+        at = index.astype(int) + count * np.arange(2).reshape(shape)
         u = t - index
-        within = jnp.clip(u, 0.0, 1.0)
-        a, b, c, d = (row[..., k] for k in range(4))
-        slope = b + within * (2.0 * c + within * 3.0 * d)
+        return u, [xp.take(self.rows[..., k].reshape(-1), at) for k in range(4)], self.step.reshape(shape)
+
+    def value(self, xp: ModuleType, x: Places) -> Places:
+        """The value alone."""
+        u, (a, b, c, d), _ = self._in(xp, x)
+        within = xp.clip(u, 0.0, 1.0)
+        beyond = u - within
+        return a + u * b + within * within * (c + within * d) + beyond * within * (2.0 * c + 3.0 * within * d)
+
+    def __call__(self, xp: ModuleType, x: Places) -> tuple[Places, Places, Places]:
+        """Value, slope and second derivative."""
+        u, (a, b, c, d), step = self._in(xp, x)
+        within = xp.clip(u, 0.0, 1.0)
+        slope = b + within * (2.0 * c + 3.0 * within * d)
         value = a + within * (b + within * (c + within * d)) + slope * (u - within)
-        second = jnp.where(u == within, 2.0 * c + 6.0 * d * within, 0.0)
-        return value, slope / self.step, second / self.step**2
+        second = xp.where(u == within, 2.0 * c + 6.0 * d * within, 0.0)
+        return value, slope / step, second / step**2
 
 
 class Side(NamedTuple):
-    """A wheel over its rail, both seen as the right ones; the arrays of the two sides are stacked along a leading axis, right and left."""
+    """Wheels over their rails, both seen as the right one; (2, ...): right, left."""
 
-    sign: Float[Array, ""]  # 1 on the right, -1 on the left
+    sign: Places  # 1 on the right, -1 on the left
     wheel: Cubics
     rail: Cubics
-    places: Float[Array, "places"]  # along the wheel, m
-    radius: Float[Array, ""]  # nominal, m
-    mean: Float[Array, ""]  # of the two nominal radii, m
-    base: Float[Array, ""]  # tread datum from the wheelset's middle, m
-    tilt: Float[Array, ""]  # angle of the inclination
-    origin: Float[Array, "2"]  # of the rail's frame on the track: outwards, downwards, m
-    top: Float[Array, ""]  # the rail's highest point on the track, outwards, m
+    places: Places  # (2, places) along the wheel, m
+    radius: Places  # nominal, m
+    mean: Places  # of the two nominal radii, m
+    base: Places  # tread datum from the wheelset's middle, m
+    tilt: Places  # angle of the inclination
+    outwards: Places  # of the origin of the rail's frame on the track, m
+    downwards: Places
+    top: Places  # the rail's highest point on the track, outwards, m
 
 
 class Pose(NamedTuple):
     """Of the wheelset: `height` (m, downwards) of its middle from the mean radius above the rails' tops, and `roll` (rad), right side up."""
 
-    height: Float[Array, "y"]
-    roll: Float[Array, "y"]
+    height: Places
+    roll: Places
 
 
 class Contacts(NamedTuple):
-    """What the contacts are; per side (right, left) along a leading axis but for the pose."""
+    """What the contacts are, (2, y) but for the pose."""
 
     pose: Pose
-    position: Float[Array, "2 y"]  # on the wheel, from its datum, m
-    rail_position: Float[Array, "2 y"]  # from the rail's highest point, m
-    radius: Float[Array, "2 y"]  # rolling, m
-    angle: Float[Array, "2 y"]  # of the contact plane against the axle, rad
-    curvature: Float[Array, "2 y"]  # of the gap across the rail, 1/m
-    wheel_curvature: Float[Array, "2 y"] | None = None  # convex positive, 1/m
-    rail_curvature: Float[Array, "2 y"] | None = None
+    position: Places  # on the wheel, from its datum, m
+    rail_position: Places  # from the rail's highest point, m
+    radius: Places  # rolling, m
+    angle: Places  # of the contact plane against the axle, rad
+    curvature: Places  # of the gap across the rail, 1/m
+    wheel_curvature: Places | None = None  # convex positive, 1/m
+    rail_curvature: Places | None = None
+
+
+class _Moved(NamedTuple):
+    """Places of a wheel in the rail's frame, and the angles that took them there."""
+
+    across: Places  # lateral in the rail's frame, m
+    below: Places  # downwards in it, m
+    outwards: Places  # x on the track, m
+    x: Places  # from the wheelset's middle, turned, m
+    v: Places
+    sine: Places
+    cosine: Places
+    tilted: Places
+    upright: Places
 
 
 class _Gap(NamedTuple):
@@ -107,28 +139,42 @@ class _Gap(NamedTuple):
     rail_bend: Places
 
 
-def _gap(side: Side, y: Places, pose: Pose, place: Places) -> _Gap:
-    """The gap between wheel and rail; y, pose and places broadcast."""
-    rise, slope, wheel_bend = side.wheel(place)
-    out, down = side.base + place, side.radius + rise
-    sine, cosine = jnp.sin(side.sign * pose.roll), jnp.cos(side.sign * pose.roll)
+def _like(of: Places, place: Places) -> Places:
+    """A number per side, with the axes of places."""
+    return of.reshape((2,) + (1,) * (place.ndim - 1))
+
+
+def _moved(xp: ModuleType, side: Side, y: Places, pose: Pose, place: Places, rise: Places) -> _Moved:
+    sign = _like(side.sign, place)
+    out, down = _like(side.base, place) + place, _like(side.radius, place) + rise
+    sine, cosine = xp.sin(sign * pose.roll), xp.cos(sign * pose.roll)
     x, v = out * cosine + down * sine, down * cosine - out * sine
-    outwards = side.sign * y + x
-    across, below = outwards - side.origin[0], v + pose.height - side.mean - side.origin[1]
-    tilted, upright = jnp.sin(side.tilt), jnp.cos(side.tilt)
-    height, rail_slope, rail_bend = side.rail(across * upright - below * tilted)
+    outwards = sign * y + x
+    across = outwards - _like(side.outwards, place)
+    below = v + (pose.height - _like(side.mean, place) - _like(side.downwards, place))
+    tilted, upright = _like(xp.sin(side.tilt), place), _like(xp.cos(side.tilt), place)
+    return _Moved(
+        across * upright - below * tilted, across * tilted + below * upright, outwards, x, v, sine, cosine, tilted, upright
+    )
 
-    def change(dx: Places, dv: Places) -> Places:
-        return rail_slope * (dx * upright - dv * tilted) - (dx * tilted + dv * upright)
 
-    dx, dv = cosine + slope * sine, slope * cosine - sine
+def _gap(xp: ModuleType, side: Side, y: Places, pose: Pose, place: Places) -> _Gap:
+    """The gap between wheel and rail; y, pose and places broadcast."""
+    rise, slope, wheel_bend = side.wheel(xp, place)
+    at = _moved(xp, side, y, pose, place, rise)
+    height, rail_slope, rail_bend = side.rail(xp, at.across)
+
+    def change(dx: Places | float, dv: Places | float) -> Places:
+        return rail_slope * (dx * at.upright - dv * at.tilted) - (dx * at.tilted + dv * at.upright)
+
+    dx, dv = at.cosine + slope * at.sine, slope * at.cosine - at.sine
     return _Gap(
-        height - across * tilted - below * upright,
+        height - at.below,
         change(dx, dv),
-        rail_bend * (dx * upright - dv * tilted) ** 2 + change(wheel_bend * sine, wheel_bend * cosine),
-        change(jnp.zeros_like(v), jnp.ones_like(v)),
-        side.sign * change(v, -x),
-        outwards,
+        rail_bend * (dx * at.upright - dv * at.tilted) ** 2 + change(wheel_bend * at.sine, wheel_bend * at.cosine),
+        change(0.0, 1.0),
+        _like(side.sign, place) * change(at.v, -at.x),
+        at.outwards,
         rise,
         slope,
         wheel_bend,
@@ -137,146 +183,206 @@ def _gap(side: Side, y: Places, pose: Pose, place: Places) -> _Gap:
     )
 
 
-def _place(side: Side, y: Places, pose: Pose) -> Places:
-    """Where the gap is least: the least of all places, or the middle of those that are alike, then two Newton steps."""
-    gap = _gap(side, y[:, None], Pose(pose.height[:, None], pose.roll[:, None]), side.places).gap
-    alike = gap <= jnp.min(gap, axis=1, keepdims=True) + ALIKE
-    place = jnp.sum(jnp.where(alike, side.places, 0.0), axis=1) / jnp.sum(alike, axis=1)
-    apart = side.places[1] - side.places[0]
-    for _ in range(2):
-        at = _gap(side, y, pose, place)
-        step = -at.along / jnp.where(at.bend > PARALLEL, at.bend, jnp.inf)
-        place = jnp.clip(place + jnp.clip(step, -apart, apart), side.places[0], side.places[-1])
-    return place
+def _over_places(side: Side, y: Places, pose: Pose) -> tuple[Places, Pose, Places]:
+    """y, pose and places with an axis for the places."""
+    return y[:, None], Pose(pose.height[:, None], pose.roll[:, None]), side.places[:, None]
 
 
-def _least(side: Side, y: Places, pose: Pose) -> tuple[Places, Places, Places]:
-    """D and its derivatives with respect to height and roll, sharply."""
-    at = _gap(side, y, pose, _place(side, y, pose))
+def _coarse(xp: ModuleType, side: Side, y: Places, pose: Pose) -> Places:
+    """The place where the gap is least, or the middle of those where it is."""
+    y, pose, places = _over_places(side, y, pose)
+    at = _moved(xp, side, y, pose, places, side.wheel.value(xp, places))
+    gap = side.rail.value(xp, at.across) - at.below
+    alike = gap <= xp.min(gap, axis=2, keepdims=True) + ALIKE
+    return xp.sum(xp.where(alike, places, 0.0), axis=2) / xp.sum(alike, axis=2)
+
+
+def _place(xp: ModuleType, side: Side, y: Places, pose: Pose) -> Places:
+    """The same between the places, by Newton steps."""
+    apart = side.places[:, 1:2] - side.places[:, :1]
+
+    def step(place: Places) -> Places:
+        at = _gap(xp, side, y, pose, place)
+        change = -at.along / xp.where(at.bend > PARALLEL, at.bend, xp.inf)
+        return xp.clip(place + xp.clip(change, -apart, apart), side.places[:, :1], side.places[:, -1:])
+
+    return repeated(xp, 2, step, _coarse(xp, side, y, pose))
+
+
+def _sharply(
+    xp: ModuleType, find: Callable[..., Places], side: Side, y: Places, pose: Pose
+) -> tuple[Places, Places, Places]:
+    """D and its derivatives with respect to height and roll at the places that `find` finds."""
+    at = _gap(xp, side, y, pose, find(xp, side, y, pose))
     return at.gap, at.by_height, at.by_roll
 
 
-def _weights(side: Side, y: Places, pose: Pose, width: Places) -> tuple[_Gap, Places, Places, Places]:
-    """At all places: the gap, the cosine of the surface, the contact's weights, and D."""
-    at = _gap(side, y[:, None], Pose(pose.height[:, None], pose.roll[:, None]), side.places)
-    cosine = 1.0 / jnp.sqrt(1.0 + at.slope**2)  # of the wheel's surface, the same for all y
-    exponent = -at.gap * cosine / width
-    highest = jax.lax.stop_gradient(jnp.max(exponent, axis=1, keepdims=True))
-    spread = jnp.gradient(side.places) / cosine
-    share = spread * jnp.exp(exponent - highest)
-    total = jnp.sum(share, axis=1)
-    return at, cosine, share / total[:, None], -width * (highest[:, 0] + jnp.log(total / REFERENCE))
+class _Spread(NamedTuple):
+    """The contact's share at each place, D, and what else is known there."""
+
+    share: Places  # (2, y, places)
+    least: Places  # (2, y)
+    at: _Gap
+    cosine: Places  # (2, 1, places) of the wheel's surface
 
 
-def _soft(side: Side, y: Places, pose: Pose, width: Places) -> tuple[Places, Places, Places]:
+def _spread(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) -> _Spread:
+    y, pose, places = _over_places(side, y, pose)
+    at = _gap(xp, side, y, pose, places)
+    cosine = 1.0 / xp.sqrt(1.0 + at.slope**2)
+    exponent = -at.gap * (cosine / width)
+    highest = constant(xp, xp.max(exponent, axis=2, keepdims=True))
+    share = xp.exp(exponent - highest) * (xp.gradient(side.places, axis=1)[:, None] / cosine)
+    total = xp.sum(share, axis=2, keepdims=True)
+    least = -width * (highest + xp.log(total / REFERENCE))
+    return _Spread(share / total, least[..., 0], at, cosine)
+
+
+def _softly(xp: ModuleType, width: Places, side: Side, y: Places, pose: Pose) -> tuple[Places, Places, Places]:
     """D and its derivatives with respect to height and roll, of the soft least."""
-    at, cosine, share, least = _weights(side, y, pose, width)
-    return least, jnp.sum(share * cosine * at.by_height, axis=1), jnp.sum(share * cosine * at.by_roll, axis=1)
+    found = _spread(xp, side, y, pose, width)
+    share = found.share * found.cosine
+    return found.least, xp.sum(share * found.at.by_height, axis=2), xp.sum(share * found.at.by_roll, axis=2)
 
 
-def _step(sides: Side, y: Places, pose: Pose, width: Places | None, held: bool = False) -> Pose:
-    """A Newton step towards D_R = D_L = 0. With `held` its matrix is a constant, as it is taken from the solution."""
-    parts = jax.vmap(lambda side: _least(side, y, pose) if width is None else _soft(side, y, pose, width))(sides)
+def _newton(parts: tuple[Places, Places, Places]) -> tuple[Places, Places]:
+    """The change of height and roll towards D_R = D_L = 0."""
     (d, e), (a, c), (b, f) = parts
-    if held:
-        a, b, c, f = jax.lax.stop_gradient((a, b, c, f))
     determinant = a * f - b * c
-    height, roll = (b * e - f * d) / determinant, (c * d - a * e) / determinant
-    if not held:  # beyond these the surfaces have turned away from what the step was computed with
-        height, roll = jnp.clip(height, -MOST_HEIGHT, MOST_HEIGHT), jnp.clip(roll, -MOST_ROLL, MOST_ROLL)
+    return (b * e - f * d) / determinant, (c * d - a * e) / determinant
+
+
+def _step(xp: ModuleType, least: Callable[..., tuple[Places, Places, Places]], side: Side, y: Places, pose: Pose) -> Pose:
+    """A Newton step of bounded length: further off the surfaces have turned away from what it rests on."""
+    height, roll = _newton(least(side, y, pose))
+    return Pose(
+        pose.height + xp.clip(height, -MOST_HEIGHT, MOST_HEIGHT), pose.roll + xp.clip(roll, -MOST_ROLL, MOST_ROLL)
+    )
+
+
+def _outwards(xp: ModuleType, side: Side, steps: int) -> Pose:
+    """Poses at y = 0, ±STEP, ±2 STEP, ..., in rising order: each found from its neighbour nearer the middle."""
+    both, rest = np.array([-1.0, 1.0]), Pose(xp.zeros(2), xp.zeros(2))
+    step = functools.partial(_step, xp, functools.partial(_sharply, xp, _coarse), side)
+
+    def onwards(pose: Pose, k: Places) -> Pose:
+        return repeated(xp, AT_Y, lambda one: step(k * STEP * both, one), pose)
+
+    path = followed(xp, onwards, rest, np.maximum(np.arange(1.0 - AT_REST, steps + 1), 0.0))
+    height, roll = (of[AT_REST - 1 :] for of in path)
+    return Pose(xp.concatenate([height[:0:-1, 0], height[:, 1]]), xp.concatenate([roll[:0:-1, 0], roll[:, 1]]))
+
+
+def contacts(xp: ModuleType, side: Side, y: Places, width: Places, steps: int) -> tuple[Contacts, Contacts]:
+    """The sharp contacts and the soft ones of `width` epsilon (m), at y (m) within `steps` of `STEP`."""
+    still, fixed = constant(xp, (side, width))
+    path, grid = _outwards(xp, still, steps), STEP * np.arange(-steps, steps + 1.0)
+    start = Pose(xp.interp(y, grid, path.height), xp.interp(y, grid, path.roll))
+
+    def solved(least: Callable[..., tuple[Places, Places, Places]]) -> Pose:
+        return constant(xp, repeated(xp, AT_Y, lambda pose: _step(xp, least, still, y, pose), start))
+
+    sharp = solved(functools.partial(_sharply, xp, _place))
+    places = constant(xp, _place(xp, still, y, sharp))
+    soft = solved(functools.partial(_softly, xp, fixed))
+    return _sharp(xp, side, y, sharp, places), _soft(xp, side, y, soft, width)
+
+
+class Touching(NamedTuple):
+    """Sharp contacts of known numbers, found from a pose nearby."""
+
+    y: Places
+    pose: Pose
+    place: Places  # (2, y)
+    rise: Places  # (2, y) of the radius over the nominal one
+
+
+def touching(side: Side, y: Places, pose: Pose) -> Touching:
+    """The sharp contacts at y from poses nearby."""
+    least = functools.partial(_sharply, np, _place)
+    pose = repeated(np, AT_Y + 1, lambda one: _step(np, least, side, y, one), pose)
+    place = _place(np, side, y, pose)
+    return Touching(y, pose, place, side.wheel.value(np, place))
+
+
+def _carried(xp: ModuleType, pose: Pose, parts: tuple[Places, Places, Places]) -> Pose:
+    """The pose of the solution with its derivatives: a Newton step, whose matrix is a constant, that changes nothing."""
+    height, roll = _newton((parts[0], *constant(xp, parts[1:])))
     return Pose(pose.height + height, pose.roll + roll)
 
 
-def _outwards(sides: Side, steps: int) -> Pose:
-    """Poses at y = 0, ±STEP, ±2 STEP, ..., in rising order: each found from its neighbour nearer the middle."""
-    start = Pose(jnp.zeros(2), jnp.zeros(2))
-    both = jnp.array([-1.0, 1.0])
-    for_y = functools.partial(_step, sides, width=None)
-    middle = jax.lax.fori_loop(0, AT_REST, lambda _, pose: for_y(jnp.zeros(2), pose), start)
-
-    def onwards(pose: Pose, k: Array) -> tuple[Pose, Pose]:
-        moved = jax.lax.fori_loop(0, OUTWARDS, lambda _, one: for_y(k * STEP * both, one), pose)
-        return moved, moved
-
-    _, path = jax.lax.scan(onwards, middle, jnp.arange(1.0, steps + 1))
-    return jax.tree.map(lambda at, to: jnp.concatenate([to[::-1, 0], at[:1], to[:, 1]]), middle, path)
-
-
-def contacts(sides: Side, y: Float[Array, "y"], width: Float[Array, ""], steps: int) -> tuple[Contacts, Contacts]:
-    """The sharp contacts and the soft ones of `width` epsilon (m), at y (m) within `steps` of `STEP`."""
-    still = jax.lax.stop_gradient(sides)
-    path, grid = _outwards(still, steps), STEP * jnp.arange(-steps, steps + 1.0)
-    start = Pose(jnp.interp(y, grid, path.height), jnp.interp(y, grid, path.roll))
-    found = []
-    for kind in (None, width):
-        pose = jax.lax.fori_loop(0, AT_Y, lambda _, one, kind=kind: _step(still, y, one, kind), start)
-        pose = _step(sides, y, jax.lax.stop_gradient(pose), kind, held=True)
-        read = (lambda side, pose=pose: _sharp(side, y, pose)) if kind is None else (lambda side, pose=pose: _mean(side, y, pose, width))
-        found.append(Contacts(pose, **jax.vmap(read)(sides)))
-    return found[0], found[1]
+def _sharp(xp: ModuleType, side: Side, y: Places, pose: Pose, place: Places) -> Contacts:
+    """The contacts at the least gaps; the last steps of pose and place carry their derivatives."""
+    near = _gap(xp, side, y, pose, place)
+    pose = _carried(xp, pose, (near.gap, near.by_height, near.by_roll))
+    near = _gap(xp, side, y, pose, place)
+    bend = constant(xp, near.bend)
+    place = place - xp.where(bend > PARALLEL, near.along / xp.where(bend > PARALLEL, bend, 1.0), 0.0)
+    at = _gap(xp, side, y, pose, place)
+    wheel = -at.wheel_bend / (1.0 + at.slope**2) ** 1.5
+    rail = at.rail_bend / (1.0 + at.rail_slope**2) ** 1.5
+    return Contacts(
+        pose,
+        position=place,
+        rail_position=at.outwards - side.top[:, None],
+        radius=side.radius[:, None] + at.rise,
+        angle=-xp.arctan(at.slope),
+        curvature=wheel + rail,
+        wheel_curvature=wheel,
+        rail_curvature=rail,
+    )
 
 
-def _sharp(side: Side, y: Places, pose: Pose) -> dict[str, Places]:
-    """The contact at the least gap; the last step of its place carries the derivatives."""
-    still = jax.lax.stop_gradient((side, pose))
-    place = jax.lax.stop_gradient(_place(still[0], y, still[1]))
-    near = _gap(side, y, pose, place)
-    bend = jax.lax.stop_gradient(near.bend)
-    place = place - jnp.where(bend > PARALLEL, near.along / jnp.where(bend > PARALLEL, bend, 1.0), 0.0)
-    at = _gap(side, y, pose, place)
-    return {
-        "position": place,
-        "rail_position": at.outwards - side.top,
-        "radius": side.radius + at.rise,
-        "angle": -jnp.arctan(at.slope),
-        "wheel_curvature": -at.wheel_bend / (1.0 + at.slope**2) ** 1.5,
-        "rail_curvature": at.rail_bend / (1.0 + at.rail_slope**2) ** 1.5,
-        "curvature": at.rail_bend / (1.0 + at.rail_slope**2) ** 1.5 - at.wheel_bend / (1.0 + at.slope**2) ** 1.5,
-    }
+def _soft(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) -> Contacts:
+    """Means over the contact's shares: of the position, the radius and the normal; the curvature is that of a single contact whose
+    variance along the surface, epsilon/curvature, is the same."""
+    pose = _carried(xp, pose, _softly(xp, width, side, y, pose))
+    share, _, at, cosine = _spread(xp, side, y, pose, width)
+    cosine, slope, rise = (of[:, 0] for of in (cosine, at.slope, at.rise))
+    apart = xp.diff(side.places, axis=1) * 0.5 * (1.0 / cosine[:, 1:] + 1.0 / cosine[:, :-1])
+    along = xp.concatenate([xp.zeros((2, 1)), xp.cumsum(apart, axis=1)], axis=1)
+    # of the wheel, alike for all y: one product of matrices
+    wheel = xp.stack([side.places, rise, -slope * cosine, cosine, along, along**2], axis=2)
+    place, higher, out, up, middle, square = xp.moveaxis(share @ wheel, 2, 0)
+    return Contacts(
+        pose,
+        position=place,
+        rail_position=xp.sum(share * at.outwards, axis=2) - side.top[:, None],
+        radius=side.radius[:, None] + higher,
+        angle=xp.arctan2(out, up),
+        curvature=width / (square - middle**2),
+    )
 
 
-def _mean(side: Side, y: Places, pose: Pose, width: Places) -> dict[str, Places]:
-    """Means over the contact's weights: of the position, the radius and the normal; the curvature is that of a single contact with the
-    same variance along the surface, epsilon/kappa."""
-    at, cosine, share, _ = _weights(side, y, pose, width)
+def laid(xp: ModuleType, rail: Cubics, drawn: Places, tilt: Places, gauge: Places) -> tuple[Places, Places, Places]:
+    """Where the rails lie on the track: origins of their frames outwards and downwards, and their highest points outwards, (2,) m each.
 
-    def mean(values: Places) -> Places:
-        return jnp.sum(share * values, axis=1)
-
-    along = jnp.concatenate([jnp.zeros(1), jnp.cumsum(jnp.diff(side.places) * 0.5 * (1.0 / cosine[1:] + 1.0 / cosine[:-1]))])
-    middle = mean(along)
-    return {
-        "position": mean(side.places),
-        "rail_position": mean(at.outwards) - side.top,
-        "radius": side.radius + mean(at.rise),
-        "angle": jnp.arctan2(mean(-at.slope * cosine), mean(jnp.broadcast_to(cosine, share.shape))),
-        "curvature": width / mean((along - middle[:, None]) ** 2),
-    }
-
-
-def laid(rail: Cubics, drawn: Float[Array, "2 k"], tilt: Float[Array, ""], gauge: Float[Array, ""]) -> tuple[Array, Array]:
-    """Origin (outwards, downwards) of a rail's frame on the track, and its highest point outwards: the top at height 0, the gauge
-    side at half the gauge 14 mm below it. NaN where the gauge side does not reach so far."""
-    tilted, upright = jnp.sin(tilt), jnp.cos(tilt)
-    places = rail.start + rail.step * jnp.arange(rail.rows.shape[0] + 1.0)
-    height = jax.lax.stop_gradient(rail(places)[0] * upright - places * tilted)
-    alike = height <= jnp.min(height) + ALIKE
-    place = jnp.sum(jnp.where(alike, places, 0.0)) / jnp.sum(alike)
-    for _ in range(3):  # as above: the derivatives are those of the last step
-        place = jax.lax.stop_gradient(place)
-        _, slope, bend = rail(place)
-        bend = jax.lax.stop_gradient(bend)
-        place = place - jnp.where(bend > PARALLEL, (slope * upright - tilted) / jnp.where(bend > PARALLEL, bend * upright, 1.0), 0.0)
-    lateral, down = place, rail(place)[0]
-    top = lateral * upright + down * tilted, down * upright - lateral * tilted
-    across, below = drawn[0] * upright + drawn[1] * tilted, drawn[1] * upright - drawn[0] * tilted - top[1]
+    The tops are at height 0, the gauge sides at half the gauge 14 mm below. `drawn`: outlines, (2, 2, points). NaN where a gauge side does not
+    reach so far.
+    """
+    tilted, upright = xp.sin(tilt), xp.cos(tilt)
+    places = rail.start[:, None] + rail.step[:, None] * np.arange(rail.rows.shape[1] + 1.0)
+    height = rail.value(xp, places) * upright[:, None] - places * tilted[:, None]
+    alike = height <= xp.min(height, axis=1, keepdims=True) + ALIKE
+    place = xp.sum(xp.where(alike, places, 0.0), axis=1) / xp.sum(alike, axis=1)
+    for _ in range(3):  # as with contacts, the derivatives are those of the last step
+        place = constant(xp, place)
+        _, slope, bend = rail(xp, place)
+        bend = constant(xp, bend)
+        curved = bend > PARALLEL
+        place = place - xp.where(curved, (slope * upright - tilted) / xp.where(curved, bend * upright, 1.0), 0.0)
+    down = rail.value(xp, place)
+    top, highest = place * upright + down * tilted, down * upright - place * tilted
+    across = drawn[:, 0] * upright[:, None] + drawn[:, 1] * tilted[:, None]
+    depth = drawn[:, 1] * upright[:, None] - drawn[:, 0] * tilted[:, None] - highest[:, None]
     # the point nearest the top of those beyond the depth on the gauge side, and its neighbours: outwards as a cubic of the depth
-    deep = (below >= GAUGE_DEPTH) & (across < top[0])
-    index = jnp.clip(jnp.max(jnp.where(deep, jnp.arange(below.size), -1)) - 1, 0, below.size - 4)
-    x, depth = (jax.lax.dynamic_slice(values, (index,), (4,)) for values in (across, below))
-    weights = [
-        jnp.prod(jnp.stack([(GAUGE_DEPTH - depth[j]) / (depth[i] - depth[j]) for j in range(4) if j != i])) for i in range(4)
-    ]
-    side = jnp.where(jnp.any(deep), jnp.sum(jnp.stack(weights) * x), jnp.nan)
-    origin = 0.5 * gauge - side
-    return jnp.stack([origin, -top[1]]), origin + top[0]
+    deep = (depth >= GAUGE_DEPTH) & (across < top[:, None])
+    nearest = xp.max(xp.where(deep, np.arange(depth.shape[1]), -1), axis=1)
+    four = xp.clip(nearest - 1, 0, depth.shape[1] - 4)[:, None] + np.arange(4)
+    across, depth = (xp.take_along_axis(of, four, axis=1) for of in (across, depth))
+    side = sum(
+        across[:, i] * math.prod((GAUGE_DEPTH - depth[:, j]) / (depth[:, i] - depth[:, j]) for j in range(4) if j != i)
+        for i in range(4)
+    )
+    origin = 0.5 * gauge - xp.where(nearest >= 0, side, xp.nan)
+    return origin, -highest, origin + top

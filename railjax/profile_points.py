@@ -24,6 +24,8 @@ FLANGE = 15e-3
 #: m along the outline between its samples
 SAMPLED = 0.1e-3
 FEWEST = 8
+#: m; a single point farther off the smooth profile than this, and far more than the others, is a slip
+OFF = 0.1e-3
 
 
 class Outline(NamedTuple):
@@ -83,12 +85,21 @@ def outline(
     _refuse(lateral, height, index, smoothing, source)
     if wheel and _flange_on_the_right(lateral, height):
         raise InputError(f"{source.name}: the flange is on the field side (positive); turn it round with mirrored")
+    if wheel and height[-1] - np.median(height) > FLANGE / 2:
+        raise InputError(f"{source.name}: goes down on both sides, as a rail's head does: is it a wheel?")
+    if not wheel and height[-1] < np.median(height) - 1e-3 and int(np.argmin(height)) > len(height) - 3:
+        raise InputError(f"{source.name}: is highest at its end, as a wheel's tread may be: is it a rail?")
     if not wheel and height[0] - height.min() < FLANGE / 3 and height[-1] - height.min() > FLANGE:
         raise InputError(
             f"{source.name}: the gauge side (negative) ends {1e3 * (height[0] - height.min()):.3g} mm below the top, only the field side goes down; "
             "turn it round with mirrored"
         )
-    found = _curve(lateral, height, smoothing)
+    found, off = _curve(lateral, height, smoothing)
+    if (far := off > max(OFF, 6.0 * np.sqrt(np.mean(off**2)))).any():
+        at = int(np.argmax(np.where(far, off, 0.0)))
+        raise InputError(
+            f"{source.at(index[at])}: lies {1e3 * off[at]:.2g} mm off the smooth profile; take the point out, or smooth less"
+        )
     if smoothing:
         notes.append(f"smoothed over {1e3 * smoothing:g} mm")
     return Outline(*found, tuple(notes))
@@ -139,8 +150,10 @@ def _refuse(lateral: Samples, height: Samples, index: Int[np.ndarray, "points"],
             )
 
 
-def _curve(lateral: Samples, height: Samples, smoothing: float) -> tuple[Samples, Samples, Samples]:
-    """Cubic splines along the points, through them or smooth: what minimises Σ distance² d + (w/2π)⁴ ∫ curvature² keeps half of a wave of
+def _curve(
+    lateral: Samples, height: Samples, smoothing: float
+) -> tuple[tuple[Samples, Samples, Samples], Samples]:
+    """Lateral position, height and slope along the curve, and how far the points are off it. Cubic splines along the points, through them or smooth: what minimises Σ distance² d + (w/2π)⁴ ∫ curvature² keeps half of a wave of
     length w, nearly all of a longer and little of a shorter one."""
     from scipy.interpolate import CubicSpline, make_smoothing_spline
 
@@ -155,4 +168,4 @@ def _curve(lateral: Samples, height: Samples, smoothing: float) -> tuple[Samples
     at = np.linspace(0.0, along[-1], max(int(along[-1] / (1e3 * SAMPLED)), 100) + 1)
     rate = x.derivative()(at)
     rate = np.where(np.abs(rate) < 1e-9, 1e-9, rate)
-    return x(at), z(at), z.derivative()(at) / rate
+    return (x(at), z(at), z.derivative()(at) / rate), np.hypot(x(along) - lateral, z(along) - height)

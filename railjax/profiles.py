@@ -5,6 +5,7 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Self
 
 import jax
@@ -15,6 +16,7 @@ from jaxtyping import Array, ArrayLike, Float
 from . import profile_shapes
 from .checks import FLAG, OneOf, Range, Samples, a_name, a_path, guarded, positive, traced
 from .errors import InputError
+from .profile_files import Read, read_profile
 from .profile_points import STEEPEST, Outline, Source, outline
 from .typing import Number
 
@@ -50,12 +52,12 @@ class _Profile:
         notes = "".join(f"; {note}" for note in self.notes)
         return f"{self.name}: {'wheel' if isinstance(self, WheelProfile) else 'rail'} from {low:.1f} to {high:.1f} mm{notes}"
 
-    def cubics(self) -> Float[Array, "intervals 4"]:
+    def cubics(self, xp: ModuleType) -> Float[Array, "intervals 4"] | Float[np.ndarray, "intervals 4"]:
         """Coefficients of each interval in powers of (y - y_i)/step, from 1 on: a row to fetch."""
         step = self.lateral[1] - self.lateral[0]
         low, high = self.height[:-1], self.height[1:]
         out, into = self.slope[:-1] * step, self.slope[1:] * step
-        return jnp.stack([low, out, 3.0 * (high - low) - 2.0 * out - into, 2.0 * (low - high) + out + into], axis=-1)
+        return xp.stack([low, out, 3.0 * (high - low) - 2.0 * out - into, 2.0 * (low - high) + out + into], axis=-1)
 
     @classmethod
     def _of(cls, found: Outline, name: str, **more: Any) -> Self:
@@ -112,9 +114,8 @@ class WheelProfile(_Profile):
         """
         if str(name_or_path).upper() == "S1002":
             return _s1002()
-        from .profile_files import read_profile
-
-        return cls._of_points(*read_profile(Path(name_or_path), True, columns, unit), smoothing, mirrored)
+        read = read_profile(Path(name_or_path), True, columns, unit)
+        return cls._of_points(read, _width(read, smoothing), mirrored)
 
     @classmethod
     @guarded(lateral=_numbers, height=_numbers, smoothing=_WIDTH, mirrored=_ANY_SIDE, name=a_name)
@@ -136,7 +137,7 @@ class WheelProfile(_Profile):
             mirrored: as in `load`
             name: for messages and figures
         """
-        return cls._of_points(*_pair(lateral, height), Source(name), (), smoothing, mirrored)
+        return cls._of_points(_given(lateral, height, name), smoothing, mirrored)
 
     @classmethod
     @guarded(conicity=Range("1", 0.0, 1.0))
@@ -167,17 +168,9 @@ class WheelProfile(_Profile):
         return dataclasses.replace(self, height=self.height + rise, slope=self.slope + turn)
 
     @classmethod
-    def _of_points(
-        cls,
-        lateral: Float[np.ndarray, "points"],
-        height: Float[np.ndarray, "points"],
-        source: Source,
-        notes: tuple[str, ...],
-        smoothing: float,
-        mirrored: bool | None,
-    ) -> "WheelProfile":
-        found = outline(lateral, height, True, smoothing, source, mirrored)
-        return cls._made(found._replace(notes=(*notes, *found.notes)), source.name)
+    def _of_points(cls, read: Read, smoothing: float, mirrored: bool | None) -> "WheelProfile":
+        found = outline(read.lateral, read.height, True, smoothing, read.source, mirrored)
+        return cls._made(found._replace(notes=(*read.notes, *found.notes)), read.source.name)
 
     @classmethod
     def _made(cls, found: Outline, name: str) -> "WheelProfile":
@@ -231,9 +224,8 @@ class RailProfile(_Profile):
         """
         if str(name_or_path).upper() in profile_shapes.RAIL_HEADS:
             return _rail_head(str(name_or_path).upper())
-        from .profile_files import read_profile
-
-        return cls._of_points(*read_profile(Path(name_or_path), False, columns, unit), smoothing, mirrored)
+        read = read_profile(Path(name_or_path), False, columns, unit)
+        return cls._of_points(read, _width(read, smoothing), mirrored)
 
     @classmethod
     @guarded(lateral=_numbers, height=_numbers, smoothing=_WIDTH, mirrored=FLAG, name=a_name)
@@ -255,20 +247,12 @@ class RailProfile(_Profile):
             mirrored: as in `load`
             name: for messages and figures
         """
-        return cls._of_points(*_pair(lateral, height), Source(name), (), smoothing, mirrored)
+        return cls._of_points(_given(lateral, height, name), smoothing, mirrored)
 
     @classmethod
-    def _of_points(
-        cls,
-        lateral: Float[np.ndarray, "points"],
-        height: Float[np.ndarray, "points"],
-        source: Source,
-        notes: tuple[str, ...],
-        smoothing: float,
-        mirrored: bool,
-    ) -> "RailProfile":
-        found = outline(lateral, height, False, smoothing, source, mirrored)
-        return cls._of(found._replace(notes=(*notes, *found.notes)), source.name)
+    def _of_points(cls, read: Read, smoothing: float, mirrored: bool) -> "RailProfile":
+        found = outline(read.lateral, read.height, False, smoothing, read.source, mirrored)
+        return cls._of(found._replace(notes=(*read.notes, *found.notes)), read.source.name)
 
     @staticmethod
     def _running(found: Outline) -> tuple[int, int]:
@@ -279,11 +263,17 @@ class RailProfile(_Profile):
         return before[-1] + 1 if before.size else 0, after[0] - 1 if after.size else len(found.lateral) - 1
 
 
-def _pair(lateral: ArrayLike, height: ArrayLike) -> tuple[Float[np.ndarray, "points"], Float[np.ndarray, "points"]]:
+def _given(lateral: ArrayLike, height: ArrayLike, name: str) -> Read:
     lateral, height = np.asarray(lateral, float), np.asarray(height, float)
     if lateral.shape != height.shape:
         raise InputError(f"height must have a value for each lateral position: {height.size} and {lateral.size}")
-    return lateral, height
+    return Read(lateral, height, Source(name), (), True)
+
+
+def _width(read: Read, smoothing: float | None) -> float:
+    if smoothing is not None:
+        return smoothing
+    return 0.0 if read.exact else SMOOTHING
 
 
 def _hermite(
