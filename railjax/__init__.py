@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from .channels import CHANNELS
     from .comfort import comfort, floor_acceleration
     from .comfort_result import Comfort
+    from .conicity import equivalent_conicity, nonlinearity_parameter
+    from .contact_geometry import ContactGeometry, contact_geometry
+    from .contact_table import ContactTable
     from .courses import animation_channels
     from .critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
     from .dampers import Damper, MaxwellDamper, PassiveDamper, Seen
@@ -45,6 +48,7 @@ if TYPE_CHECKING:
     from .normal_form import first_lyapunov_coefficient
     from .pareto import Front, pareto
     from .precision import use_double_precision
+    from .profiles import RailProfile, WheelProfile
     from .ramp import Ramp, speed_ramp
     from .random_track import RandomTrack
     from .record import Record, read_record
@@ -85,6 +89,8 @@ __all__ = [
     "Calibration",
     "ClippedLQR",
     "Comfort",
+    "ContactGeometry",
+    "ContactTable",
     "CriticalSpeed",
     "Damper",
     "ErriSpectrum",
@@ -110,6 +116,7 @@ __all__ = [
     "NonlinearCriticalSpeed",
     "NumericalError",
     "PassiveDamper",
+    "RailProfile",
     "Ramp",
     "RandomTrack",
     "Record",
@@ -133,6 +140,7 @@ __all__ = [
     "Vehicle",
     "VehicleCheck",
     "VehicleReport",
+    "WheelProfile",
     "YawDamper",
     "acceptance",
     "acceptance_channels",
@@ -144,8 +152,10 @@ __all__ = [
     "check_vehicle",
     "comfort",
     "contact_ellipse",
+    "contact_geometry",
     "creep_coefficients",
     "each_point",
+    "equivalent_conicity",
     "expected",
     "first_lyapunov_coefficient",
     "floor_acceleration",
@@ -163,6 +173,7 @@ __all__ = [
     "modes",
     "nonlinear_critical",
     "nonlinear_critical_speed",
+    "nonlinearity_parameter",
     "objectives",
     "packaged_vehicles",
     "parameters",
@@ -204,6 +215,9 @@ _NAMES = {
     "channels": "CHANNELS",
     "comfort": "comfort floor_acceleration",
     "comfort_result": "Comfort",
+    "conicity": "equivalent_conicity nonlinearity_parameter",
+    "contact_geometry": "ContactGeometry contact_geometry",
+    "contact_table": "ContactTable",
     "courses": "animation_channels",
     "critical": "Hunting NonlinearCritical nonlinear_critical nonlinear_critical_speed",
     "dampers": "Damper MaxwellDamper PassiveDamper Seen",
@@ -224,6 +238,7 @@ _NAMES = {
     "normal_form": "first_lyapunov_coefficient",
     "pareto": "Front pareto",
     "precision": "use_double_precision",
+    "profiles": "RailProfile WheelProfile",
     "ramp": "Ramp speed_ramp",
     "random_track": "RandomTrack",
     "record": "Record read_record",

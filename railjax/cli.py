@@ -11,6 +11,7 @@ from .cli_acceptance import acceptance
 from .cli_animate import animate
 from .cli_comfort import comfort
 from .cli_common import AsJson, prepare, show
+from .cli_conicity import conicity
 from .cli_damper import damper_app
 from .cli_hunting import hunting
 from .cli_linear import critical_speed, modes
@@ -57,6 +58,7 @@ app.command()(hunting)
 app.command()(acceptance)
 app.command()(animate)
 app.command()(comfort)
+app.command()(conicity)
 app.command()(report)
 app.command()(tune)
 app.command()(sweep)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .checks import Range, Rising, guarded, positive, shown, traced
-from .contact_points import STEP, Contacts, Cubics, Pose, Side, contacts, laid, touching
+from .contact_points import STEP, Contacts, Cubics, Pose, Side, Touching, contacts, laid, touching
 from .errors import InputError
 from .kalker import STEEL_POISSON, STEEL_YOUNG, ContactEllipse, CreepCoefficients, contact_ellipse, creep_coefficients
 from .namespace import known
@@ -79,12 +79,16 @@ class ContactGeometry(ContactFunctions):
     @property
     def jumps(self) -> Float[np.ndarray, "jumps"]:
         """y (m) at which a contact jumps from one place of a wheel to another, in rising order; known numbers only."""
-        return _jumps(self)[0]
+        return self._jumps[0]
 
     @property
     def jump_sizes(self) -> Float[np.ndarray, "jumps"]:
         """By how much Delta r jumps there, m."""
-        return _jumps(self)[1]
+        return self._jumps[1]
+
+    @functools.cached_property
+    def _jumps(self) -> tuple[Float[np.ndarray, "jumps"], Float[np.ndarray, "jumps"]]:
+        return _jumps(self)
 
     def ellipses(self, load: Scalar = 50e3) -> ContactEllipse:
         """Semi-axes (m; a along the rail, b across), (y, 2), of Hertz's ellipse at the sharp contacts under the normal force `load` (N), of
@@ -141,7 +145,7 @@ class ContactGeometry(ContactFunctions):
             f"{names(self.profiles[0])} on {names(self.profiles[1])}, y from {1e3 * y[0]:g} to {1e3 * y[-1]:g} mm",
             *[f"equivalent conicity at {1e3 * a:g} mm: {c:.3f}" for a, c in zip(amplitudes, conicity, strict=True)],
         ]
-        jumps = [f"{1e3 * at:.2f} mm ({1e3 * size:+.2f} mm)" for at, size in zip(*_jumps(self), strict=True)]
+        jumps = [f"{1e3 * at:.2f} mm ({1e3 * size:+.2f} mm)" for at, size in zip(*self._jumps, strict=True)]
         lines.append(f"Delta r jumps at {', '.join(jumps)}" if jumps else "no jumps of the contact")
         return "\n".join(lines)
 
@@ -168,7 +172,9 @@ def _one_or_two(kind: type) -> Any:
     def rule(key: str, value: Any) -> None:
         pair = value if isinstance(value, (tuple, list)) else (value,)
         if len(pair) not in (1, 2) or not all(isinstance(one, (kind, str)) and one != "" for one in pair):
-            raise InputError(f"{key} must be a {what} profile, as railjax.{kind.__name__}.load gives it, or (right, left), not {shown(value)}")
+            raise InputError(
+                f"{key} must be a {what} profile, as railjax.{kind.__name__}.load gives it, or (right, left), not {shown(value)}"
+            )
 
     return rule
 
@@ -299,7 +305,9 @@ def _alike(xp: ModuleType, pair: tuple[Any, Any]) -> Cubics:
         return xp.concatenate([own, xp.pad(straight, ((0, 0), (0, 2)))])
 
     return Cubics(
-        xp.stack([one.lateral[0] for one in pair]), xp.stack([one.lateral[1] - one.lateral[0] for one in pair]), xp.stack(list(map(longer, rows)))
+        xp.stack([one.lateral[0] for one in pair]),
+        xp.stack([one.lateral[1] - one.lateral[0] for one in pair]),
+        xp.stack(list(map(longer, rows))),
     )
 
 
@@ -322,7 +330,9 @@ def _refuse(found: ContactGeometry) -> None:
     wheels, rails = found.profiles
     for side, (wheel, rail, named) in enumerate(zip(wheels, rails, ("right", "left"), strict=True)):
         if np.isnan(found.sides.outwards[side]):
-            raise InputError(f"{rail.name}: the gauge side does not reach 14 mm below the top, where gauge is measured; the profile is too short")
+            raise InputError(
+                f"{rail.name}: the gauge side does not reach 14 mm below the top, where gauge is measured; the profile is too short"
+            )
         place = np.asarray(found.wheel_position[:, side])
         for end in (wheel.lateral[0], wheel.lateral[-1]):
             beyond = np.abs(place - end) < 1e-6
@@ -345,9 +355,7 @@ def _jumps(found: ContactGeometry) -> tuple[Float[np.ndarray, "jumps"], Float[np
     small is a jump. Of two within a step the larger counts."""
     y, place = np.asarray(found.y), np.asarray(found.wheel_position)
     suspect = np.flatnonzero(np.max(np.abs(np.diff(place, axis=0)), axis=1) > JUMP)
-    ends = [
-        (y[suspect + k], Pose(np.asarray(found.height)[suspect + k], np.asarray(found.roll)[suspect + k])) for k in (0, 1)
-    ]
+    ends = [(y[suspect + k], Pose(np.asarray(found.height)[suspect + k], np.asarray(found.roll)[suspect + k])) for k in (0, 1)]
     if not suspect.size:
         return np.zeros(0), np.zeros(0)
     side = known(found.sides)
@@ -355,7 +363,11 @@ def _jumps(found: ContactGeometry) -> tuple[Float[np.ndarray, "jumps"], Float[np
     for _ in range(HALVINGS):
         middle = touching(side, 0.5 * (low.y + high.y), Pose(*(0.5 * (a + b) for a, b in zip(low.pose, high.pose, strict=True))))
         first = np.max(np.abs(middle.place - low.place), axis=0) > np.max(np.abs(high.place - middle.place), axis=0)
-        low, high = (jax.tree.map(lambda a, b: np.where(first, a, b), *pair) for pair in ((low, middle), (middle, high)))
+        low, high = _chosen(first, low, middle), _chosen(first, middle, high)
     jumped = np.max(np.abs(high.place - low.place), axis=0) > JUMP
     size = (high.rise - low.rise)[0] - (high.rise - low.rise)[1]
     return (0.5 * (low.y + high.y))[jumped], size[jumped]
+
+
+def _chosen(first: Array, one: Touching, other: Touching) -> Touching:
+    return jax.tree.map(lambda a, b: np.where(first, a, b), one, other)

@@ -34,6 +34,8 @@ PARALLEL = 1e-3
 ALIKE = 1e-10
 #: m and rad; the most that one Newton step may move the wheelset
 MOST_HEIGHT, MOST_ROLL = 2e-3, 3e-3
+#: m²; least variance of a contact, of one that is a single place
+LEAST = 1e-12
 #: m; width of a contact whose soft least is its sharp one
 REFERENCE = 5e-3
 
@@ -209,9 +211,7 @@ def _place(xp: ModuleType, side: Side, y: Places, pose: Pose) -> Places:
     return repeated(xp, 2, step, _coarse(xp, side, y, pose))
 
 
-def _sharply(
-    xp: ModuleType, find: Callable[..., Places], side: Side, y: Places, pose: Pose
-) -> tuple[Places, Places, Places]:
+def _sharply(xp: ModuleType, find: Callable[..., Places], side: Side, y: Places, pose: Pose) -> tuple[Places, Places, Places]:
     """D and its derivatives with respect to height and roll at the places that `find` finds."""
     at = _gap(xp, side, y, pose, find(xp, side, y, pose))
     return at.gap, at.by_height, at.by_roll
@@ -255,9 +255,7 @@ def _newton(parts: tuple[Places, Places, Places]) -> tuple[Places, Places]:
 def _step(xp: ModuleType, least: Callable[..., tuple[Places, Places, Places]], side: Side, y: Places, pose: Pose) -> Pose:
     """A Newton step of bounded length: further off the surfaces have turned away from what it rests on."""
     height, roll = _newton(least(side, y, pose))
-    return Pose(
-        pose.height + xp.clip(height, -MOST_HEIGHT, MOST_HEIGHT), pose.roll + xp.clip(roll, -MOST_ROLL, MOST_ROLL)
-    )
+    return Pose(pose.height + xp.clip(height, -MOST_HEIGHT, MOST_HEIGHT), pose.roll + xp.clip(roll, -MOST_ROLL, MOST_ROLL))
 
 
 def _outwards(xp: ModuleType, side: Side, steps: int) -> Pose:
@@ -350,7 +348,7 @@ def _soft(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) -> C
         rail_position=xp.sum(share * at.outwards, axis=2) - side.top[:, None],
         radius=side.radius[:, None] + higher,
         angle=xp.arctan2(out, up),
-        curvature=width / (square - middle**2),
+        curvature=width / xp.maximum(square - middle**2, LEAST),
     )
 
 

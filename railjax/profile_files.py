@@ -18,7 +18,7 @@ NAMES = {
     "lateral": ("lateral", "lateral position", "y", "s", "x", "width", "yw", "yr", "y wheel", "y rail"),
     "height": ("height", "vertical", "vertical position", "z", "radius", "zw", "zr", "z wheel", "z rail", "h"),
 }
-UNITS = dict.fromkeys(NAMES, {"mm": 1e-3, "m": 1.0, "cm": 1e-2, "in": 25.4e-3})
+UNITS = {kind: {"mm": 1e-3, "m": 1.0, "cm": 1e-2, "in": 25.4e-3} for kind in NAMES}
 
 #: SIMPACK's files, and what their header calls a wheel
 SIMPACK = (".prw", ".prr")
@@ -85,9 +85,13 @@ def _simpack(path: Path, wheel: bool) -> Read:
         elif found := re.fullmatch(rf"([\w.]+)\s*=\s*({NUMBER})", content):
             keys.setdefault(found.group(1), float(found.group(2)))
     if len(points) < FEWEST:
-        raise InputError(f"{path}: {len(points)} points between point.begin and point.end are too few for a profile; it takes {FEWEST}")
+        raise InputError(
+            f"{path}: {len(points)} points between point.begin and point.end are too few for a profile; it takes {FEWEST}"
+        )
     if keys.get("type", float(wheel)) != (WHEEL if wheel else 0):
-        raise InputError(f"{path}: is the profile of a {'rail' if wheel else 'wheel'}, by its header (type), not of a {'wheel' if wheel else 'rail'}")
+        raise InputError(
+            f"{path}: is the profile of a {'rail' if wheel else 'wheel'}, by its header (type), not of a {'wheel' if wheel else 'rail'}"
+        )
     y, z = np.array(points).T
     rows = np.array(lines)
     y, z = y + keys.get("shift.y", 0.0), z + keys.get("shift.z", 0.0)

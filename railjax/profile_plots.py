@@ -55,14 +55,22 @@ def contact_pair(axes: "Axes", found: "ContactGeometry", side: int = 0) -> None:
         height = np.interp(s, wheel.lateral, wheel.height), np.interp(u, right[order], below[order])
         colour = COLOURS[0] if sign * at > 0 else COLOURS[1] if at else COLOURS[6]
         axes.plot(1e3 * np.array([s + shift, u]), 1e3 * np.array([RAISED - height[0], -height[1]]), color=colour, linewidth=0.7)
-        axes.annotate(f"{1e3 * sign * at:.0f}", (1e3 * u, -1e3 * height[1]), (0, -8), textcoords="offset points", fontsize=5.5, ha="center", color=colour)
+        axes.annotate(
+            f"{1e3 * sign * at:.0f}",
+            (1e3 * (s + shift), 1e3 * (RAISED - height[0])),
+            (0, 4),
+            textcoords="offset points",
+            fontsize=5.5,
+            ha="center",
+            color=colour,
+        )
     axes.set(
         xlabel="from the rail's top, mm",
         ylabel="up, mm",
         title=f"{wheel.name} on {rail.name}, {SIDES[side]}; contacts at y in mm",
         aspect="equal",
-        xlim=(-45.0, 45.0),
-        ylim=(-20.0, 22.0),
+        xlim=(-60.0, 45.0),
+        ylim=(-25.0, 25.0),
     )
 
 
@@ -90,7 +98,7 @@ def angles(axes: "Axes", found: "ContactGeometry") -> None:
 def conicity(axes: "Axes", found: "ContactGeometry") -> None:
     """Equivalent conicity over amplitude, of the sharp and of the smooth Delta r; that at 3 mm marked."""
     y = np.asarray(found.y)
-    amplitudes = AMPLITUDES[AMPLITUDES <= 0.5 * (y[-1] - y[0])]
+    amplitudes = np.array([a for a in AMPLITUDES if a <= 0.5 * (y[-1] - y[0])])
     for function, name, style in ((found, "sharp", "-"), (found.smooth, "smooth", "--")):
         value = equivalent_conicity(y, np.asarray(function.delta_r), amplitudes)
         axes.plot(1e3 * amplitudes, value, style, color=COLOURS[0 if style == "-" else 1], label=name)

@@ -150,9 +150,7 @@ def _refuse(lateral: Samples, height: Samples, index: Int[np.ndarray, "points"],
             )
 
 
-def _curve(
-    lateral: Samples, height: Samples, smoothing: float
-) -> tuple[tuple[Samples, Samples, Samples], Samples]:
+def _curve(lateral: Samples, height: Samples, smoothing: float) -> tuple[tuple[Samples, Samples, Samples], Samples]:
     """Lateral position, height and slope along the curve, and how far the points are off it. Cubic splines along the points, through them or smooth: what minimises Σ distance² d + (w/2π)⁴ ∫ curvature² keeps half of a wave of
     length w, nearly all of a longer and little of a shorter one."""
     from scipy.interpolate import CubicSpline, make_smoothing_spline

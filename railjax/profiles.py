@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from . import profile_shapes
-from .checks import FLAG, OneOf, Range, Samples, a_name, a_path, guarded, positive, traced
+from .checks import FLAG, OneOf, Range, Samples, a_name, a_path, guarded, traced
 from .errors import InputError
 from .profile_files import Read, read_profile
 from .profile_points import STEEPEST, Outline, Source, outline
@@ -70,9 +70,7 @@ class _Profile:
             )
         count = int((x[-1] - x[0]) / STEP)
         at = x[0] + (x[-1] - x[0]) / count * np.arange(count + 1)
-        return cls(
-            at, *_hermite(at, x, z, slope), np.stack([found.lateral, found.height]), name=name, notes=found.notes, **more
-        )
+        return cls(at, *_hermite(at, x, z, slope), np.stack([found.lateral, found.height]), name=name, notes=found.notes, **more)
 
     @staticmethod
     def _running(found: Outline) -> tuple[int, int]:
@@ -184,7 +182,9 @@ class WheelProfile(_Profile):
         """From the tip of the flange, or where it becomes a wall, to the end of the tread, or where its chamfer does."""
         datum = int(np.argmin(np.abs(found.lateral)))
         if not found.lateral[0] < 0.0 < found.lateral[-1]:
-            raise InputError("the tread datum (lateral position 0) is not among the points; shift them so that the tread is there")
+            raise InputError(
+                "the tread datum (lateral position 0) is not among the points; shift them so that the tread is there"
+            )
         tip = int(np.argmax(found.height[: datum + 1]))
         walls = np.flatnonzero((np.abs(found.slope) > STEEPEST) | (np.gradient(found.lateral) <= 0.0))
         before, after = walls[walls < datum], walls[walls > datum]
