@@ -19,7 +19,8 @@ from .errors import InputError
 from .namespace import constant, namespace, repeated
 from .typing import Scalar
 
-Values = Float[Array, "..."] | Float[np.ndarray, "..."]
+#: also one number of NumPy
+Values = Scalar
 
 #: nodes of the integral over half a wave; measured Delta r has corners, which is what asks for many
 NODES = 400
@@ -46,7 +47,7 @@ def _displacements(key: str, value: Any) -> None:
 )
 def equivalent_conicity(
     y: Float[Array, "n"] | Float[np.ndarray, "n"],
-    delta_r: Float[Array, "n"] | Float[np.ndarray, "n"],
+    delta_r: Float[Array, "..."] | Float[np.ndarray, "..."],
     amplitude: Scalar,
     *,
     half_distance: Scalar = 0.75,
@@ -85,7 +86,7 @@ def equivalent_conicity(
 @guarded(y=_displacements, delta_r=_SAMPLES)
 def nonlinearity_parameter(
     y: Float[Array, "n"] | Float[np.ndarray, "n"],
-    delta_r: Float[Array, "n"] | Float[np.ndarray, "n"],
+    delta_r: Float[Array, "..."] | Float[np.ndarray, "..."],
     *,
     half_distance: Scalar = 0.75,
     radius: Scalar = 0.46,
@@ -146,7 +147,7 @@ class _Potential:
         self.slope = xp.diff(delta_r) / step
         self.total = xp.concatenate([xp.zeros(1, y.dtype), xp.cumsum(0.5 * (delta_r[1:] + delta_r[:-1]) * step)])
 
-    def _at(self, y: Values) -> tuple[Values, Values]:
+    def _at(self, y: Values) -> tuple[Any, Values]:
         index = self.xp.clip(self.xp.searchsorted(self.y, y, side="right") - 1, 0, len(self.slope) - 1)
         return index, y - self.y[index]
 

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     import xarray
 
 Pair = WheelProfile | RailProfile | str | tuple | list
-PerY = Float[Array, "y"]
-PerSide = Float[Array, "y 2"]
+PerY = Float[Array, "..."] | Float[np.ndarray, "..."]
 
 #: m; displacements at which the geometry is computed unless others are asked for
 LATERAL = np.linspace(-10e-3, 10e-3, 201)
@@ -93,16 +92,20 @@ class ContactGeometry(ContactFunctions):
     def ellipses(self, load: Scalar = 50e3) -> ContactEllipse:
         """Semi-axes (m; a along the rail, b across), (y, 2), of Hertz's ellipse at the sharp contacts under the normal force `load` (N), of
         wheel and rail of steel. Where the gap is flatter than a radius of 2 m, it is taken as that."""
-        return ContactEllipse(*(part.reshape(self.curvature.shape) for part in contact_ellipse(*self._pressed(load))))
+        return self._under(load, contact_ellipse)
 
     def creep_coefficients(self, load: Scalar = 50e3) -> CreepCoefficients:
-        """Kalker's f_11, f_33 (N), f_12 (N m), f_22 (N m^2), (y, 2), of these ellipses under the normal force `load` (N)."""
-        return CreepCoefficients(*(part.reshape(self.curvature.shape) for part in creep_coefficients(*self._pressed(load))))
+        """Kalker's f_11, f_33 (N), f_12 (N m), f_22 (N m^2), (y, 2), of these ellipses under the normal force `load` (N). Ellipses longer than
+        10:1, as on the flange, have the coefficients of 10:1, where Kalker's table ends."""
+        return self._under(load, creep_coefficients)
 
-    def _pressed(self, load: Scalar) -> tuple[Array, Array, Array]:
-        flat = self.curvature.reshape(-1)
-        along = (self.rolling_radius / jnp.cos(self.contact_angle)).reshape(-1)
-        return jnp.broadcast_to(jnp.asarray(load, float), flat.shape), along, 1.0 / jnp.maximum(flat, FLATTEST)
+    def _under(self, load: Scalar, theory: Any) -> Any:
+        along = self.rolling_radius / jnp.cos(self.contact_angle)
+        shape = jnp.shape(along)
+        load = jnp.broadcast_to(jnp.asarray(load, float), shape)
+        # in jit, where the table's ends are kept instead of refused
+        found = jax.jit(theory)(*(jnp.ravel(one) for one in (load, along, 1.0 / jnp.maximum(self.curvature, FLATTEST))))
+        return type(found)(*(part.reshape(shape) for part in found))
 
     def to_xarray(self) -> "xarray.Dataset":
         """Everything over y (m) and side, with units and meanings."""
@@ -208,8 +211,8 @@ def contact_geometry(
 
     For each y the height and roll at which both wheels touch. Two forms: sharp, with the jumps of two-point contact, and `smooth`, the mean
     over the surface weighted by exp(-gap/epsilon), where the contact of elastic bodies spreads and passes from one place to the other. Both
-    are differentiable in gauge, inclination, radii and the heights of profiles by the envelope theorem, inside `jit` and `vmap` too.
-    Needs double precision.
+    are differentiable in gauge, inclination, radii and the heights of profiles by the envelope theorem, inside `jit` and `vmap` too, which
+    needs double precision. How a jump moves is not in the sharp form's derivative: take the smooth one's where there are jumps.
 
     Args:
         wheel: a `WheelProfile`, the name or file of one, or (right, left)
@@ -260,6 +263,11 @@ def _geometry(xp: ModuleType, given: tuple, y: PerY, steps: int) -> ContactGeome
         tilt,
         *laid(xp, heads, drawn, tilt, gauge),
     )
+    for side, rail in enumerate(rails):
+        if xp is np and np.isnan(sides.outwards[side]):
+            raise InputError(
+                f"{rail.name}: the gauge side does not reach 14 mm below the top, where gauge is measured; the profile is too short"
+            )
     sharp, smooth = contacts(xp, sides, y, SPREAD * approach, steps)
     return ContactGeometry(
         **_functions(y, sharp),
@@ -275,12 +283,12 @@ def _geometry(xp: ModuleType, given: tuple, y: PerY, steps: int) -> ContactGeome
 _compiled = jax.jit(functools.partial(_geometry, jnp), static_argnums=2)
 
 
-def _stacked(xp: ModuleType, pair: list[Array]) -> Array:
+def _stacked(xp: ModuleType, pair: list[Any]) -> PerY:
     longest = max(one.shape[-1] for one in pair)
     return xp.stack([xp.pad(one, [(0, 0)] * (one.ndim - 1) + [(0, longest - one.shape[-1])], mode="edge") for one in pair])
 
 
-def _functions(y: PerY, found: Contacts) -> dict[str, Array]:
+def _functions(y: PerY, found: Contacts) -> dict[str, PerY]:
     return {
         "y": y,
         "rolling_radius": found.radius.T,
@@ -298,7 +306,7 @@ def _alike(xp: ModuleType, pair: tuple[Any, Any]) -> Cubics:
     rows = [one.cubics(xp) for one in pair]
     longest = max(map(len, rows))
 
-    def longer(own: Array) -> Array:
+    def longer(own: PerY) -> PerY:
         a, b, c, d = own[-1]
         slope, beyond = b + 2.0 * c + 3.0 * d, np.arange(longest - len(own))
         straight = xp.stack([a + b + c + d + slope * beyond, slope + 0.0 * beyond], axis=-1)
@@ -327,12 +335,7 @@ def _two_numbers(key: str, value: Any) -> tuple[Any, Any]:
 
 def _refuse(found: ContactGeometry) -> None:
     """What is known to be no geometry of a wheelset on its rails."""
-    wheels, rails = found.profiles
-    for side, (wheel, rail, named) in enumerate(zip(wheels, rails, ("right", "left"), strict=True)):
-        if np.isnan(found.sides.outwards[side]):
-            raise InputError(
-                f"{rail.name}: the gauge side does not reach 14 mm below the top, where gauge is measured; the profile is too short"
-            )
+    for side, (wheel, named) in enumerate(zip(found.profiles[0], ("right", "left"), strict=True)):
         place = np.asarray(found.wheel_position[:, side])
         for end in (wheel.lateral[0], wheel.lateral[-1]):
             beyond = np.abs(place - end) < 1e-6
@@ -369,5 +372,5 @@ def _jumps(found: ContactGeometry) -> tuple[Float[np.ndarray, "jumps"], Float[np
     return (0.5 * (low.y + high.y))[jumped], size[jumped]
 
 
-def _chosen(first: Array, one: Touching, other: Touching) -> Touching:
+def _chosen(first: Any, one: Touching, other: Touching) -> Touching:
     return jax.tree.map(lambda a, b: np.where(first, a, b), one, other)

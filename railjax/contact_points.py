@@ -18,9 +18,9 @@ from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
 
 from .namespace import constant, followed, repeated
+from .typing import Scalar
 
 #: m below the rail's top where gauge is measured
 GAUGE_DEPTH = 14e-3
@@ -39,7 +39,7 @@ LEAST = 1e-12
 #: m; width of a contact whose soft least is its sharp one
 REFERENCE = 5e-3
 
-Places = Float[Array, "..."] | Float[np.ndarray, "..."]
+Places = Scalar
 
 
 class Cubics(NamedTuple):
@@ -49,14 +49,14 @@ class Cubics(NamedTuple):
     step: Places  # (2,)
     rows: Places  # (2, intervals, 4)
 
-    def _in(self, xp: ModuleType, x: Places) -> tuple[Places, list[Places], Places]:
+    def _in(self, xp: ModuleType, x: Places) -> tuple[Places, Places, Places]:
         shape = (2,) + (1,) * (x.ndim - 1)
         count = self.rows.shape[1]
         t = (x - self.start.reshape(shape)) / self.step.reshape(shape)
         index = xp.clip(xp.floor(t), 0, count - 1)
         at = index.astype(int) + count * np.arange(2).reshape(shape)
         u = t - index
-        return u, [xp.take(self.rows[..., k].reshape(-1), at) for k in range(4)], self.step.reshape(shape)
+        return u, xp.moveaxis(xp.take(self.rows.reshape(-1, 4), at, axis=0), -1, 0), self.step.reshape(shape)
 
     def value(self, xp: ModuleType, x: Places) -> Places:
         """The value alone."""

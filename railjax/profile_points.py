@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from .errors import InputError
 
-Samples = Float[np.ndarray, "points"]
+Samples = Float[np.ndarray, "..."]
 
 #: m; a profile is some 30 to 140 mm wide, so beyond these it is in another unit
 NARROWEST, WIDEST = 0.01, 0.3
@@ -41,9 +41,9 @@ class Source(NamedTuple):
     """Where the points are from: a name for messages, and the line of each point if it is a file."""
 
     name: str
-    lines: Int[np.ndarray, "points"] | None = None
+    lines: Int[np.ndarray, "..."] | None = None
 
-    def at(self, index: int) -> str:
+    def at(self, index: int | np.integer) -> str:
         """The place of a point, for messages."""
         return f"{self.name}: point {index + 1}" if self.lines is None else f"{self.name}, line {self.lines[index]}"
 
@@ -120,7 +120,7 @@ def _flange_on_the_right(lateral: Samples, height: Samples) -> bool:
     return bool(height[tip] - np.median(height) > FLANGE and lateral[tip] > 0.5 * (lateral[0] + lateral[-1]))
 
 
-def _refuse(lateral: Samples, height: Samples, index: Int[np.ndarray, "points"], smoothing: float, source: Source) -> None:
+def _refuse(lateral: Samples, height: Samples, index: Int[np.ndarray, "..."], smoothing: float, source: Source) -> None:
     """Faults between neighbours, the first of them named."""
     along, down = np.diff(lateral), np.diff(height)
     chord = np.hypot(along, down)

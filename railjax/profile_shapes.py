@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-Samples = Float[np.ndarray, "points"]
+Samples = Float[np.ndarray, "..."]
 #: (lateral, height) in m
 Points = tuple[Samples, Samples]
 

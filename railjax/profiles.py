@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Self
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -60,9 +60,9 @@ class _Profile:
         return xp.stack([low, out, 3.0 * (high - low) - 2.0 * out - into, 2.0 * (low - high) + out + into], axis=-1)
 
     @classmethod
-    def _of(cls, found: Outline, name: str, **more: Any) -> Self:
+    def _of(cls, found: Outline, name: str, **more: Any) -> Any:
         """The part of an outline that is a function of the lateral position, in a table."""
-        first, last = cls._running(found)
+        first, last = cls._running(found, name)
         x, z, slope = (values[first : last + 1] for values in (found.lateral, found.height, found.slope))
         if np.any(np.diff(x) <= 0.0):
             raise InputError(
@@ -73,7 +73,7 @@ class _Profile:
         return cls(at, *_hermite(at, x, z, slope), np.stack([found.lateral, found.height]), name=name, notes=found.notes, **more)
 
     @staticmethod
-    def _running(found: Outline) -> tuple[int, int]:
+    def _running(found: Outline, name: str) -> tuple[int, int]:
         raise NotImplementedError
 
 
@@ -178,17 +178,17 @@ class WheelProfile(_Profile):
         return dataclasses.replace(made, searched=np.interp(even, along, made.lateral))
 
     @staticmethod
-    def _running(found: Outline) -> tuple[int, int]:
+    def _running(found: Outline, name: str) -> tuple[int, int]:
         """From the tip of the flange, or where it becomes a wall, to the end of the tread, or where its chamfer does."""
         datum = int(np.argmin(np.abs(found.lateral)))
         if not found.lateral[0] < 0.0 < found.lateral[-1]:
             raise InputError(
-                "the tread datum (lateral position 0) is not among the points; shift them so that the tread is there"
+                f"{name}: the tread datum (lateral position 0) is not among the points; shift them so that the tread is there"
             )
         tip = int(np.argmax(found.height[: datum + 1]))
         walls = np.flatnonzero((np.abs(found.slope) > STEEPEST) | (np.gradient(found.lateral) <= 0.0))
         before, after = walls[walls < datum], walls[walls > datum]
-        return max(tip, before[-1] + 1 if before.size else 0), after[0] - 1 if after.size else len(found.lateral) - 1
+        return max(tip, int(before[-1]) + 1 if before.size else 0), int(after[0]) - 1 if after.size else len(found.lateral) - 1
 
 
 @jax.tree_util.register_dataclass
@@ -255,12 +255,12 @@ class RailProfile(_Profile):
         return cls._of(found._replace(notes=(*read.notes, *found.notes)), read.source.name)
 
     @staticmethod
-    def _running(found: Outline) -> tuple[int, int]:
+    def _running(found: Outline, name: str) -> tuple[int, int]:
         """Between the walls on both sides of the top."""
         top = int(np.argmin(found.height))
         walls = np.flatnonzero((np.abs(found.slope) > STEEPEST) | (np.gradient(found.lateral) <= 0.0))
         before, after = walls[walls < top], walls[walls > top]
-        return before[-1] + 1 if before.size else 0, after[0] - 1 if after.size else len(found.lateral) - 1
+        return int(before[-1]) + 1 if before.size else 0, int(after[0]) - 1 if after.size else len(found.lateral) - 1
 
 
 def _given(lateral: ArrayLike, height: ArrayLike, name: str) -> Read:
