@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .checks import Range, Rising, Samples, guarded
+from .checks import Range, Rising, Samples, guarded, positive
 from .errors import InputError
 from .namespace import constant, namespace, repeated
 from .typing import Scalar
@@ -32,7 +32,7 @@ HALVINGS = 50
 NONLINEARITY = 2e-3, 4e-3
 
 _LATERAL = Rising(Range("m", -0.1, 0.1, why="; is it in millimetres?"), 3)
-_SAMPLES = Samples("m")
+_SAMPLES, _LENGTH = Samples("m"), positive("m", axes=1)
 
 
 def _displacements(key: str, value: Any) -> None:
@@ -44,6 +44,8 @@ def _displacements(key: str, value: Any) -> None:
     y=_displacements,
     delta_r=_SAMPLES,
     amplitude=Range("m", 0.0, 0.1, open=True, axes=9, why="; is it in millimetres?"),
+    half_distance=_LENGTH,
+    radius=_LENGTH,
 )
 def equivalent_conicity(
     y: Float[Array, "n"] | Float[np.ndarray, "n"],
@@ -83,7 +85,7 @@ def equivalent_conicity(
     return np.asarray(_conicity(np, y, delta_r, amplitude)) if xp is np else _compiled(y, delta_r, amplitude)
 
 
-@guarded(y=_displacements, delta_r=_SAMPLES)
+@guarded(y=_displacements, delta_r=_SAMPLES, half_distance=_LENGTH, radius=_LENGTH)
 def nonlinearity_parameter(
     y: Float[Array, "n"] | Float[np.ndarray, "n"],
     delta_r: Float[Array, "..."] | Float[np.ndarray, "..."],

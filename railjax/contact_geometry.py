@@ -89,11 +89,13 @@ class ContactGeometry(ContactFunctions):
     def _jumps(self) -> tuple[Float[np.ndarray, "jumps"], Float[np.ndarray, "jumps"]]:
         return _jumps(self)
 
+    @guarded()
     def ellipses(self, load: Scalar = 50e3) -> ContactEllipse:
         """Semi-axes (m; a along the rail, b across), (y, 2), of Hertz's ellipse at the sharp contacts under the normal force `load` (N), of
         wheel and rail of steel. Where the gap is flatter than a radius of 2 m, it is taken as that."""
         return self._under(load, contact_ellipse)
 
+    @guarded()
     def creep_coefficients(self, load: Scalar = 50e3) -> CreepCoefficients:
         """Kalker's f_11, f_33 (N), f_12 (N m), f_22 (N m^2), (y, 2), of these ellipses under the normal force `load` (N). Ellipses longer than
         10:1, as on the flange, have the coefficients of 10:1, where Kalker's table ends."""

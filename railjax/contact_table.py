@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .checks import Kind, guarded
 from .contact_geometry import ContactGeometry
 from .errors import InputError
 from .typing import Number
@@ -43,6 +44,7 @@ class ContactTable:
     rows: Number
 
     @classmethod
+    @guarded(geometry=Kind("contact_geometry.ContactGeometry", "what railjax.contact_geometry returns"))
     def of(cls, geometry: ContactGeometry) -> "ContactTable":
         """The smooth functions of a `geometry` whose y are at equal steps."""
         y, smooth = np.asarray(geometry.smooth.y), geometry.smooth

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -119,8 +119,8 @@ class WheelProfile(_Profile):
     @guarded(lateral=_numbers, height=_numbers, smoothing=_WIDTH, mirrored=_ANY_SIDE, name=a_name)
     def from_points(
         cls,
-        lateral: ArrayLike,
-        height: ArrayLike,
+        lateral: ArrayLike | Sequence,
+        height: ArrayLike | Sequence,
         *,
         smoothing: float = 0.0,
         mirrored: bool | None = None,
@@ -145,7 +145,9 @@ class WheelProfile(_Profile):
         return cls._made(outline(lateral, height, True, 0.0, Source("cone"), False), f"cone {conicity:g}")
 
     @guarded(at=_numbers, by=Samples("m"))
-    def changed(self, at: ArrayLike, by: Float[Array, "..."] | Float[np.ndarray, "..."] | list[float]) -> "WheelProfile":
+    def changed(
+        self, at: ArrayLike | Sequence, by: Float[Array, "..."] | Float[np.ndarray, "..."] | list[float]
+    ) -> "WheelProfile":
         """The profile with a cubic spline added that has the heights `by` (m, positive is a larger radius) at the positions `at` (m, rising,
         known numbers). It fades to zero over one more step at each end. Differentiable with respect to `by`.
         """
@@ -231,8 +233,8 @@ class RailProfile(_Profile):
     @guarded(lateral=_numbers, height=_numbers, smoothing=_WIDTH, mirrored=FLAG, name=a_name)
     def from_points(
         cls,
-        lateral: ArrayLike,
-        height: ArrayLike,
+        lateral: ArrayLike | Sequence,
+        height: ArrayLike | Sequence,
         *,
         smoothing: float = 0.0,
         mirrored: bool = False,
@@ -263,7 +265,7 @@ class RailProfile(_Profile):
         return int(before[-1]) + 1 if before.size else 0, int(after[0]) - 1 if after.size else len(found.lateral) - 1
 
 
-def _given(lateral: ArrayLike, height: ArrayLike, name: str) -> Read:
+def _given(lateral: ArrayLike | Sequence, height: ArrayLike | Sequence, name: str) -> Read:
     lateral, height = np.asarray(lateral, float), np.asarray(height, float)
     if lateral.shape != height.shape:
         raise InputError(f"height must have a value for each lateral position: {height.size} and {lateral.size}")
