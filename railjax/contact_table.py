@@ -36,12 +36,12 @@ class ContactAt(NamedTuple):
 class ContactTable:
     """Functions of y at equal steps: splines with continuous second derivatives, straight beyond the ends.
 
-    `rows` (intervals, functions, 4) are powers of (y - y_i)/step from 1 on, so that a wheelset takes one slice for all its functions.
+    From `start` (m) in steps of `step` (m). `rows` (intervals, functions, 4), in SI, are powers of (y - y_i)/step from 1 on, so that a wheelset takes one slice for all its functions.
     """
 
-    start: Number
-    step: Number
-    rows: Number
+    start: Number  # m
+    step: Number  # m
+    rows: Number  # SI, of the functions in the order of FUNCTIONS
 
     @classmethod
     @guarded(geometry=Kind("contact_geometry.ContactGeometry", "what railjax.contact_geometry returns"))
