@@ -9,13 +9,13 @@ from types import ModuleType
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from . import profile_shapes
 from .checks import FLAG, OneOf, Range, Samples, a_name, a_path, guarded, traced
 from .errors import InputError
+from .namespace import namespace
 from .profile_files import Read, read_profile
 from .profile_points import STEEPEST, Outline, Source, outline
 from .typing import Number
@@ -163,8 +163,8 @@ class WheelProfile(_Profile):
         shape = CubicSpline(np.array([ends[0], *knots, ends[1]]), unit, bc_type="clamped")
         where = np.asarray(self.lateral)
         inside = ((where >= ends[0]) & (where <= ends[1]))[:, None]
-        heights = jnp.asarray(by, float)
-        rise, turn = (jnp.asarray(np.where(inside, shape(where, order), 0.0)) @ heights for order in (0, 1))
+        heights = namespace(by).asarray(by, float)  # known ones in double precision, whatever JAX's is
+        rise, turn = (np.where(inside, shape(where, order), 0.0) @ heights for order in (0, 1))
         return dataclasses.replace(self, height=self.height + rise, slope=self.slope + turn)
 
     @classmethod

@@ -170,7 +170,7 @@ def conicities(x):
 def test_derivatives():
     """By the envelope theorem, in both modes, against central differences of what NumPy computes, at a wheelset of unequal wheels."""
     x = np.array([5e-4, 1e-3, 1.3e-4, 3e-6, -5e-6, 2e-6, -2e-6, 1e-6])
-    steps = np.array([2e-6, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7])
+    steps = np.array([2e-6, 1e-6, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7])
     towards = np.linspace(1.0, 2.0, 8) * steps
 
     # all that is compiled in one program: of the sum in reverse mode, of each form along a direction
