@@ -27,7 +27,11 @@ if TYPE_CHECKING:
     from .dampers.identification.result import Identification
     from .dampers.maxwell import MaxwellDamper
     from .dampers.skyhook import ADD, MixedSkyhookADD, Skyhook
+    from .model.contact.conicity import equivalent_conicity, nonlinearity_parameter
+    from .model.contact.geometry import ContactGeometry, contact_geometry
     from .model.contact.kalker import contact_ellipse, creep_coefficients, kalker_coefficients
+    from .model.contact.profiles import RailProfile, WheelProfile
+    from .model.contact.table import ContactTable
     from .model.damper import Damper, PassiveDamper, Seen
     from .model.motion import matrices, state_matrix, track_matrix
     from .model.parameters import get_parameter, parameters, replace, set_parameter
@@ -88,6 +92,8 @@ __all__ = [
     "Calibration",
     "ClippedLQR",
     "Comfort",
+    "ContactGeometry",
+    "ContactTable",
     "CriticalSpeed",
     "Damper",
     "ErriSpectrum",
@@ -113,6 +119,7 @@ __all__ = [
     "NonlinearCriticalSpeed",
     "NumericalError",
     "PassiveDamper",
+    "RailProfile",
     "Ramp",
     "RandomTrack",
     "Record",
@@ -136,6 +143,7 @@ __all__ = [
     "Vehicle",
     "VehicleCheck",
     "VehicleReport",
+    "WheelProfile",
     "YawDamper",
     "acceptance",
     "acceptance_channels",
@@ -147,8 +155,10 @@ __all__ = [
     "check_vehicle",
     "comfort",
     "contact_ellipse",
+    "contact_geometry",
     "creep_coefficients",
     "each_point",
+    "equivalent_conicity",
     "expected",
     "first_lyapunov_coefficient",
     "floor_acceleration",
@@ -166,6 +176,7 @@ __all__ = [
     "modes",
     "nonlinear_critical",
     "nonlinear_critical_speed",
+    "nonlinearity_parameter",
     "objectives",
     "packaged_vehicles",
     "parameters",
@@ -256,6 +267,10 @@ _NAMES = {
     "vehicles.template": "vehicle_toml",
     "ride.vibration": "sperling weighted_acceleration weighted_rms",
     "ride.weightings": "weighting weighting_filter",
+    "model.contact.conicity": "equivalent_conicity nonlinearity_parameter",
+    "model.contact.geometry": "ContactGeometry contact_geometry",
+    "model.contact.profiles": "RailProfile WheelProfile",
+    "model.contact.table": "ContactTable",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 

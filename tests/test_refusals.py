@@ -120,6 +120,13 @@ OWN_WAY = {
         railjax.LeastDamping(), {"speed": (30.0, 40.0)}, vehicle=coach, design="sobol", samples=0
     ),
     "TableSpectrum.checked.wavenumber": lambda coach: railjax.TableSpectrum.checked([2.0, 1.0], [1.0, 1.0]),
+    "WheelProfile.load.columns": lambda coach: railjax.WheelProfile.load("nowhere.csv", columns={"lateral": "a"}),
+    "WheelProfile.load.unit": None,
+    "RailProfile.load.columns": lambda coach: railjax.RailProfile.load("nowhere.csv", columns={"lateral": "a"}),
+    "RailProfile.load.unit": None,
+    "ContactGeometry.plot.axes": None,
+    "ContactTable.at.y": None,  # by the integrator
+    "ContactTable.rates.y": None,
     "TableSpectrum.checked.density": lambda coach: railjax.TableSpectrum.checked([1.0, 2.0], [1.0, NAN]),
 }
 AIM = objectives.linear_critical_speed()
@@ -177,6 +184,16 @@ def good(coach):
         "wavenumber": 1.0,
         "amplitude": 1.0,
         "index": 0,
+        "wheel": "S1002",
+        "rail": "60E1",
+        "y": np.linspace(-8e-3, 8e-3, 17),
+        "delta_r": np.linspace(-2e-3, 2e-3, 17),
+        "conicity": 0.1,
+        "lateral": np.linspace(-0.05, 0.06, 17),
+        "height": np.zeros(17),
+        "at": np.array([0.0, 0.01]),
+        "by": np.zeros(2),
+        "geometry": None,
         "last": 10,
         "stride": 2,
     }

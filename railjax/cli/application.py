@@ -13,6 +13,7 @@ from .common import AsJson, prepare, show
 from .verbs.acceptance import acceptance
 from .verbs.animate import animate
 from .verbs.comfort import comfort
+from .verbs.conicity import conicity
 from .verbs.damper import damper_app
 from .verbs.hunting import hunting
 from .verbs.report import report
@@ -57,6 +58,7 @@ app.command()(hunting)
 app.command()(acceptance)
 app.command()(animate)
 app.command()(comfort)
+app.command()(conicity)
 app.command()(report)
 app.command()(tune)
 app.command()(sweep)
