@@ -141,7 +141,7 @@ def pareto(
     ends = [float(evaluate.constraint_of(evaluate(end.x[None])[0][0], 0)) for end in (low, high)]
     count, failed = count + 3, [bool(low.failure)]
     found = [low.x]
-    for limit in np.linspace(*ends, points)[1:-1]:
+    for limit in np.linspace(ends[0], ends[1], points)[1:-1]:
         held = [dataclasses.replace(bound, limit=float(limit)), *constraints]
         # on from the two points before
         start = found[-1] if len(found) == 1 else np.clip(2.0 * found[-1] - found[-2], 0.0, 1.0)
