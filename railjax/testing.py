@@ -62,7 +62,7 @@ def check_damper(
         symmetric: False for a law that has a side.
         smooth: whether derivatives are compared with differences at rest, at zero velocity and at zero travel too; None: where the
             law has `law = "smooth"`.
-        internal_size: size of the random internal states, a number in their own units; `even_states` lie between 0 and 1.
+        internal_size: size of the random internal states in their own units, dimensionless; `even_states` lie between 0 and 1.
         seed: of the random motions, a whole number.
 
     Raises `AssertionError` for what is wrong, and `InputError` in single precision.

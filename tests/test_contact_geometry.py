@@ -168,22 +168,13 @@ def conicities(x):
 
 
 def test_derivatives():
-    """By the envelope theorem, in both modes, against central differences of what NumPy computes, at a wheelset of unequal wheels."""
+    """By the envelope theorem, against central differences of what NumPy computes, at a wheelset of unequal wheels."""
     x = np.array([5e-4, 1e-3, 1.3e-4, 3e-6, -5e-6, 2e-6, -2e-6, 1e-6])
     steps = np.array([2e-6, 1e-6, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7, 1e-7])
-    towards = np.linspace(1.0, 2.0, 8) * steps
-
-    # all that is compiled in one program: of the sum in reverse mode, of each form along a direction
-    @jax.jit
-    def both(x):
-        return *jax.jvp(conicities, (x,), (towards,)), jax.grad(lambda x: jnp.sum(conicities(x)))(x)
-
-    value, forward, reverse = both(jnp.asarray(x))
-    np.testing.assert_allclose(value, conicities(x), rtol=1e-9)
-    np.testing.assert_allclose(jnp.sum(forward), reverse @ towards, rtol=1e-9)
-    expected = np.array([conicities(x + one) - conicities(x - one) for one in np.diag(steps)]).T / (2.0 * steps)
-    np.testing.assert_allclose(forward, expected @ towards, rtol=1e-4)
-    total = expected.sum(axis=0)
+    # reverse mode goes through the forward derivative, which is written by hand
+    value, reverse = jax.jit(jax.value_and_grad(lambda x: jnp.sum(conicities(x))))(jnp.asarray(x))
+    assert value == pytest.approx(conicities(x).sum(), rel=1e-9)
+    total = np.array([conicities(x + one).sum() - conicities(x - one).sum() for one in np.diag(steps)]) / (2.0 * steps)
     np.testing.assert_allclose(reverse[:3], total[:3], rtol=1e-4)
     np.testing.assert_allclose(reverse[3:], total[3:], rtol=1e-4, atol=1e-4 * np.abs(total[3:]).max())
 

@@ -146,7 +146,7 @@ def equal(name: str, what: str, one: Any, other: Any, where: Sequence[str] | Non
         off = np.abs(a - b) - ROUNDING * np.max(np.maximum(np.abs(a), np.abs(b)), axis=-1, keepdims=True, initial=0.0)
         if np.any(off > 0.0):
             worst = np.unravel_index(np.argmax(off), off.shape)
-            at = f" at {where[worst[-1]]}" if where else ""
+            at = f" at {where[int(worst[-1])]}" if where else ""
             raise AssertionError(f"{name}: {what}: {a[worst]:.9g} and {b[worst]:.9g}{at}")
 
 
@@ -181,7 +181,7 @@ def differentiated(name: str, found: Found, where: list[str], usual: int, compar
                 f"(of the weighted sum of force and rates; {where[worst]})"
             )
     apart = np.abs(found.forward - found.reverse) - ROUNDING * (np.abs(found.forward) + np.max(found.size))
-    leaf, lane = np.unravel_index(np.argmax(apart), apart.shape)
+    leaf, lane = (int(k) for k in np.unravel_index(np.argmax(apart), apart.shape))
     assert apart[leaf, lane] <= 0.0, (
         f"{name}: by {found.leaves[leaf]} the forward derivative is {found.forward[leaf, lane]:.6g}, the reverse one "
         f"{found.reverse[leaf, lane]:.6g} at {where[lane]}"

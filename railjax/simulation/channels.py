@@ -25,7 +25,8 @@ class Channel(NamedTuple):
 
 
 def _coordinate(group: str, order: int) -> Callable[[Motion], Values]:
-    return lambda instant: instant[order][group]
+    # the first three of a `Motion` are coordinates, rates and accelerations
+    return lambda instant: instant[:3][order][group]
 
 
 def _coordinates() -> dict[str, Channel]:

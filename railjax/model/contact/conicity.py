@@ -70,8 +70,12 @@ def equivalent_conicity(
         half_distance: e, half the distance of the rolling circles, m; 0.75 on standard gauge
         radius: r_0, mean rolling radius, m; 0.46 for new wheels of 920 mm
 
-    NaN where there is no free wave of that amplitude: Delta r drives the wheelset away, or the wave does not fit into y. Raises `InputError`
-    for lengths that differ, samples that are not finite, and where no amplitude fits into y.
+    Returns:
+        tan gamma_e, dimensionless, shaped like `amplitude`; NaN where there is no free wave of that amplitude: Delta r drives the
+        wheelset away, or the wave does not fit into y.
+
+    Raises:
+        InputError: for lengths that differ, samples that are not finite, and where no amplitude fits into y.
     """
     xp = namespace((y, delta_r, amplitude))
     y, delta_r, amplitude = (xp.asarray(value, float) for value in (y, delta_r, amplitude))
@@ -97,8 +101,13 @@ def nonlinearity_parameter(
     """N_P = (tan gamma_e(4 mm) - tan gamma_e(2 mm))/(2 mm), in 1/m: how the conicity changes with amplitude.
 
     Where it falls (N_P < 0) limit cycles of small amplitude start below the linear critical speed, where it rises the wheelset hunts hard at
-    once but later (Polach, Vehicle System Dynamics 48, 2010 supplement). Arguments as those of `equivalent_conicity`, m: `y`, `delta_r`,
-    `half_distance` (m) and `radius` (m).
+    once but later (Polach, Vehicle System Dynamics 48, 2010 supplement).
+
+    Args:
+        y: lateral displacement, m, rising; positive to the right
+        delta_r: r_R - r_L, m, at each y
+        half_distance: e, half the distance of the rolling circles, m
+        radius: r_0, mean rolling radius, m
     """
     low, high = NONLINEARITY
     small, large = equivalent_conicity(y, delta_r, np.array([low, high]), half_distance=half_distance, radius=radius)

@@ -224,13 +224,14 @@ def contact_geometry(
         flange_back: m, between the backs of the flanges
         tread_datum: m from the back of the flange to the tread datum, where a profile's lateral position is 0
         radius: r_0, m, at the tread datum; (right, left) for unequal wheels
-        inclination: of the rails, as a slope: 1/40, 1/20, or 0 where the profile is that of an inclined rail; (right, left) if they differ
+        inclination: slope of the rails, dimensionless: 1/40, 1/20, or 0 where the profile is that of an inclined rail; (right, left) if they differ
         y: displacements of the wheelset's middle, m, rising, known numbers; None: -10 to 10 mm by 0.1
         load: N, normal force of a wheel from which `approach` follows if it is None
         approach: m, by which wheel and rail come nearer under load; None: Hertz's of a round contact of the wheel's radius, 62 um under 50 kN
 
-    Raises `InputError` where the wheelset does not fit into the gauge, a rail does not reach 14 mm below its top, or a contact is beyond the
-    end of a profile.
+    Raises:
+        InputError: where the wheelset does not fit into the gauge, a rail does not reach 14 mm below its top, or a contact is
+            beyond the end of a profile.
     """
     wheels, rails = _two(wheel, WheelProfile), _two(rail, RailProfile)
     at = LATERAL if y is None else np.asarray(y, float)

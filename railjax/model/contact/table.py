@@ -45,7 +45,7 @@ class ContactTable:
     rows: Number  # SI, of the functions in the order of FUNCTIONS
 
     @classmethod
-    @guarded(geometry=Kind("contact_geometry.ContactGeometry", "what railjax.contact_geometry returns"))
+    @guarded(geometry=Kind(ContactGeometry, "what railjax.contact_geometry returns"))
     def of(cls, geometry: ContactGeometry) -> "ContactTable":
         """The smooth functions of a `geometry` whose y are at equal steps."""
         y, smooth = np.asarray(geometry.smooth.y), geometry.smooth
