@@ -145,8 +145,8 @@ def check_objective(
         vehicle: one for which it has a value; None: the packaged coach.
         damper: the damper beside it; None: the vehicle's own.
         modes: "forward", "reverse" or both: `quantity.mode` is the one that tuning uses.
-        rtol: share of the derivative by which the difference may be off.
-        step: share by which the numbers are changed for the difference.
+        rtol: share (dimensionless) of the derivative by which the difference may be off.
+        step: share (dimensionless) by which the numbers are changed for the difference.
         seed: of the random shares, a whole number.
 
     Raises `AssertionError` for what is wrong, and `InputError` in single precision.

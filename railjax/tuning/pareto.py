@@ -208,7 +208,7 @@ class _Descents:
         """Designs from one end to the other, `points` in number, and which missed their constraints."""
         limits = [self.values(end.x)[1] for end in (low, high)]
         found = [(low.x, bool(low.failure))]
-        for limit in np.linspace(*limits, points)[1:-1]:
+        for limit in np.linspace(limits[0], limits[1], points)[1:-1]:
             under = [dataclasses.replace(self.bound, limit=float(limit)), *self.constraints]
             before = [x for x, _ in found[-2:]]
             # on from the two points before

@@ -326,7 +326,7 @@ BOX = 3.0
 
 
 def _evolve(
-    coarse: Problem, choice: Choice, scale: Scale, simulations: int, record: Record, fitted: Mask, held: Mask, seed: int
+    coarse: Problem, choice: Choice, scale: Scale, simulations: int, record: Record, fitted: Mask, apart: Mask, seed: int
 ) -> Evolution:
     """SciPy's differential evolution over the same unknowns with as many simulations of the thinned record."""
     from scipy.optimize import differential_evolution
