@@ -58,7 +58,7 @@ def programs() -> dict[str, Call]:
     import railjax
 
     sys.path.append(str(ROOT / "tests"))
-    import laws  # the runs of tests/test_damper_numerics.py, one of which once was off by 2e-7
+    import laws  # the runs of tests/dampers/test_damper_numerics.py, one of which once was off by 2e-7
 
     from railjax.model.parameters import without_labels
     from railjax.simulation.simulate import initial_state

@@ -44,7 +44,7 @@ def test_source_archive_has_what_a_packager_needs(built):
         "LICENSE",
         "README.md",
         "CHANGELOG.md",
-        "tests/test_motion.py",
+        "tests/model/test_motion.py",
         "railjax/vehicles/coach.toml",
         *TEMPLATES,
     } <= names

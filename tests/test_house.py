@@ -64,3 +64,9 @@ def test_the_rules_of_arguments_are_there_when_a_function_needs_them():
     for module, function, name in guarded:
         home = homes.get(name)
         assert home in (None, module) or graph.find_shortest_chain(module, home), f"{module}.{function}({name}) without {home}"
+
+
+def test_the_tests_mirror_the_rooms():
+    """What is about one room lies in the folder of its name; at the top is what looks at the whole package."""
+    folders = {path.parent.name for path in Path(__file__).parent.glob("*/test_*.py")}
+    assert folders == {room.name for room in ROOMS if room.parent == PACKAGE}

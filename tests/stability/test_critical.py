@@ -1,4 +1,4 @@
-"""Nonlinear critical speed: numbers, derivatives, batches, codes. Orbits themselves: tests/test_hunting.py."""
+"""Nonlinear critical speed: numbers, derivatives, batches, codes. Orbits themselves: tests/stability/test_hunting.py."""
 
 import functools
 

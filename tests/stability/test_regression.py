@@ -3,7 +3,7 @@
 Ratios are kept in critical_sweep.json, by JAX release series, with how they were taken; after a change that is meant to be faster, or on
 another kind of machine:
 
-    PYTHONPATH=. python tests/test_regression.py
+    PYTHONPATH=. python tests/stability/test_regression.py
 
 records those of the JAX that runs it. CPU times are compared, not wall times, so that other work on the machine matters little,
 and the best of several alternations counts, because disturbances only ever take time.
@@ -21,7 +21,7 @@ import numpy as np
 
 import railjax
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 import rivals
 
@@ -102,7 +102,7 @@ if __name__ == "__main__":
     else:
         record = json.loads(KEPT.read_text()) if KEPT.exists() else {"ratios": {}}
         record["how"] = (
-            "median of 9 times Sweep.ratio of tests/test_regression.py, CPU time per variant, loop over batch; the batch proves that no crossing is lower, the loop does not"
+            "median of 9 times Sweep.ratio of tests/stability/test_regression.py, CPU time per variant, loop over batch; the batch proves that no crossing is lower, the loop does not"
         )
         record["machine"] = f"{platform.machine()}, {jax.local_device_count()} core(s)"
         record["ratios"][SERIES] = round(float(np.median([pair.ratio() for _ in range(9)])), 3)

@@ -230,7 +230,7 @@ def test_least_damping_is_one_number_for_studies_and_objectives(coach):
 
 
 def test_statistical_comfort_with_balance_logic(coach):
-    """Of the coach with yaw dampers, so that the front of tests/test_tune_studies.py finds the derivative compiled."""
+    """Of the coach with yaw dampers, so that the front of tests/tuning/test_tune_studies.py finds the derivative compiled."""
     vehicle = dataclasses.replace(coach, yaw_damper=railjax.YawDamper(1e3, half_distance=1.35))
     damper = railjax.BalanceLogic(0.5)
     quantity = aim.comfort(SPEED).suited(damper)
@@ -243,7 +243,7 @@ def test_statistical_comfort_with_balance_logic(coach):
 def test_orbits():
     wheelset, bounds = railjax.load_vehicle("single-wheelset"), {"primary.stiffness_x": (1e4, 1e6)}
     fold = compared(aim.nonlinear_critical_speed(), wheelset, bounds, rtol=1e-4, step=1e-4)
-    assert fold * 3.6 == pytest.approx(117.906, abs=1e-3)  # as tests/test_cli.py has it
+    assert fold * 3.6 == pytest.approx(117.906, abs=1e-3)  # as tests/cli/test_cli.py has it
     hunts = aim.limit_cycle_amplitude(34.0)
     amplitude = compared(hunts, wheelset, bounds, rtol=1e-4, step=1e-4)
     # what a simulation settles on

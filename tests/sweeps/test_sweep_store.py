@@ -214,7 +214,7 @@ def test_two_that_begin_at_once_agree_on_one_store(coach, tmp_path, other):
 
 
 def start(store, pause):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(PROCESS.parents[1]), os.environ.get("PYTHONPATH", "")])}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(PROCESS.parents[2]), os.environ.get("PYTHONPATH", "")])}
     return subprocess.Popen(
         [sys.executable, str(PROCESS), str(store), str(pause)],
         stdout=subprocess.PIPE,

@@ -22,7 +22,7 @@ from railjax.dampers.identification import uncertainty as damper_uncertainty
 from railjax.dampers.identification.record import Record, acceleration, joined, read_record
 from railjax.dampers.identification.record_repair import jolts, without_offset
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 import identification_coverage as coverage
 
 TRUE = BoucWen(c0a=1700.0, c0b=500.0, c1a=20e3, c1b=4e3, alpha_b=5e4, k0=3000.0, x0=0.1, gamma=2.5e6, beta=1.5e6, eta=140.0)
