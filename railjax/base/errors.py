@@ -3,6 +3,7 @@
 import contextlib
 import difflib
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 
 class InputError(ValueError):
@@ -29,7 +30,11 @@ def collecting(faults: list[str]) -> Iterator[None]:
         faults += error.messages
 
 
+def closest(key: Any, known: Iterable[str], least: float = 0.0) -> str:
+    """The known key most like an unknown one; '' where none is as like as `least` (0 to 1)."""
+    return next(iter(difflib.get_close_matches(str(key), known, n=1, cutoff=least)), "")
+
+
 def nearest(key: str, known: Iterable[str], part: str = "") -> str:
-    """The known key most like an unknown one, as the end of a message."""
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)[0]
-    return f"; did you mean {part + '.' if part else ''}{near}?"
+    """`closest` as the end of a message."""
+    return f"; did you mean {part + '.' if part else ''}{closest(key, known)}?"

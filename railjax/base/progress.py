@@ -59,6 +59,30 @@ def bar(shown: bool, what: str) -> Iterator[Report]:
         yield report
 
 
+@contextlib.contextmanager
+def parts_bar(telling: bool = False) -> Iterator[Callable[[str, int, int], None]]:
+    """A report (title, done, total) of parts, drawn as a bar where standard error is a terminal: not into a file or a pipe, where errors are
+    to be the only line. When `telling`, what each part took stays above it."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Bar(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as drawn:
+        task = drawn.add_task("", total=None)
+        running, since = "", time.perf_counter()
+
+        def report(title: str, done: int, total: int) -> None:
+            nonlocal running, since
+            now = time.perf_counter()
+            if telling and running and not drawn.disable:
+                drawn.console.print(f"{now - since:6.1f} s  {running}")
+            running, since = title, now
+            drawn.update(task, description=title, completed=done, total=total)
+
+        yield report
+
+
 def _spoken(seconds: float) -> str:
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)

@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from ..base.errors import InputError, NumericalError
-from ..base.progress import INTERRUPTED, end_at_ctrl_c, leave, when_stopped
+from ..base.progress import INTERRUPTED, end_at_ctrl_c, leave, parts_bar, when_stopped
 from .common import AsJson, prepare, show
 from .verbs.acceptance import acceptance
 from .verbs.animate import animate
@@ -114,31 +114,13 @@ def reproduce(
 
     Example: railjax reproduce --out results
     """
-    import time
-
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
     from ..base.text import number
     from ..reports.paper.reproduce import reproduce as run
 
     prepare()
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    # not into a file or a pipe, where errors are to be the only line
-    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("", total=None)
-        running, since = "", time.perf_counter()
-
-        def advance(title: str, done: int, total: int) -> None:
-            nonlocal running, since
-            now = time.perf_counter()
-            if running and not bar.disable:
-                bar.console.print(f"{now - since:6.1f} s  {running}")
-            running, since = title, now
-            bar.update(task, description=title, completed=done, total=total)
-
-        with when_stopped(f"stopped; finished parts are kept in {out}, and the same command goes on there"):
-            results = run(out, only=only, beyond=beyond, fresh=fresh, progress=advance)
+    kept = f"stopped; finished parts are kept in {out}, and the same command goes on there"
+    with parts_bar(telling=True) as advance, when_stopped(kept):
+        results = run(out, only=only, beyond=beyond, fresh=fresh, progress=advance)
     lines = [
         f"{q['name']}: {number(q['computed'])} {q['unit']}"
         + ("" if q["paper"] is None else f" (paper {number(q['paper'])})")

@@ -6,7 +6,7 @@ from typing import Any
 
 from ..base.arguments import guarded
 from ..base.checks import a_name
-from ..base.errors import InputError
+from ..base.errors import InputError, closest
 from ..base.packing import as_numbers
 from .consistency import VEHICLE
 from .vehicle import OPTIONAL, PARTS, Vehicle
@@ -64,9 +64,8 @@ def _set(part: Any, names: list[str], value: Any) -> Any:
 
 
 def _no_such_parameter(path: str) -> InputError:
-    import difflib
 
-    near = difflib.get_close_matches(path, _paths(), n=1, cutoff=0.0)[0]
+    near = closest(path, _paths())
     return InputError(f"no parameter {path!r} in a vehicle; the nearest is {near!r}")
 
 

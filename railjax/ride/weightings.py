@@ -1,6 +1,5 @@
 """Frequency weightings of vibration on man: ISO 2631-1, EN 12299, Sperling; analogue responses and digital filters."""
 
-import difflib
 import math
 from typing import Any, NamedTuple
 
@@ -9,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
 
 from ..base.arguments import guarded
-from ..base.errors import InputError
+from ..base.errors import InputError, closest
 
 
 class Weighting(NamedTuple):
@@ -51,7 +50,7 @@ def check_weighting(name: str) -> str:
     """The name itself, or an `InputError` with the nearest one."""
     known = [*WEIGHTINGS, *SPERLING]
     if name not in known:
-        near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
+        near = closest(name, known)
         raise InputError(f"unknown weighting {name!r}; did you mean {near!r}? there are {', '.join(known)}")
     return name
 

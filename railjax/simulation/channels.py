@@ -1,13 +1,12 @@
 """What can be recorded of a simulation: names, units, and how each is read off the vehicle's `Motion`."""
 
-import difflib
 import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 from jaxtyping import Array, Float
 
-from ..base.errors import InputError
+from ..base.errors import InputError, closest
 from ..model.kinematics import FLOOR_POINTS, UNITS, is_one_stage, lateral_of_floor, layout
 from ..model.motion import Motion
 from ..model.vehicle import Vehicle
@@ -101,7 +100,7 @@ REDUCTIONS = ("rms", "mean", "peak")
 def check_channel(name: str) -> str:
     """The name itself, or an `InputError` with the nearest one."""
     if name not in CHANNELS:
-        near = difflib.get_close_matches(name, CHANNELS, n=1, cutoff=0.0)[0]
+        near = closest(name, CHANNELS)
         raise InputError(f"unknown channel {name!r}; did you mean {near!r}?")
     return name
 

@@ -1,12 +1,11 @@
 """Parameters by name, wherever they are: "speed", "primary.stiffness_x" (of the vehicle), "track.amplitude", "damper.alpha"."""
 
 import dataclasses
-import difflib
 from typing import Any
 
 import numpy as np
 
-from ..base.errors import InputError
+from ..base.errors import InputError, closest
 from ..base.fields import check_number
 from ..model.damper import check_damper
 from ..model.parameters import get_parameter, set_parameter
@@ -40,8 +39,8 @@ def field_of(given: dict[str, Any], name: str) -> dataclasses.Field | None:
     for step in path:
         fields = {f.name: f for f in dataclasses.fields(part)} if dataclasses.is_dataclass(part) else {}
         if step not in fields:
-            near = difflib.get_close_matches(step, fields, n=1, cutoff=0.0)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
+            near = closest(step, fields)
+            hint = f"; did you mean {near!r}?" if near else ""
             raise InputError(f"no parameter {name!r}: {type(part).__name__} has no {step!r}{hint}")
         field, part = fields[step], getattr(part, step)
     if field is None or field.metadata.get("static") or field.metadata.get("axes") or dataclasses.is_dataclass(part):

@@ -16,7 +16,6 @@ On the GPUs of one host nothing is to be done: `simulate` and `each_point` shard
 """
 
 import contextlib
-import difflib
 import logging
 import os
 import platform
@@ -27,7 +26,7 @@ import jax
 
 from ..base.arguments import guarded
 from ..base.checks import a_function, a_table
-from ..base.errors import InputError
+from ..base.errors import InputError, closest
 from ..base.progress import Clock, Report, bar, stoppable
 from ..base.source import digest_of_source
 from ..model.damper import Damper, check_damper
@@ -217,7 +216,7 @@ def _check(study: Callable[..., Any], given: dict[str, Any], design: Design) -> 
     for name, column in zip(design.names, design.columns, strict=True):
         whose = owner(name)
         if whose is None and name not in arguments:
-            near = difflib.get_close_matches(name, [*arguments, "speed"], n=1, cutoff=0.0)[0]
+            near = closest(name, [*arguments, "speed"])
             raise InputError(
                 f"over {name!r}: neither speed, a parameter like primary.stiffness_x, track.amplitude or damper.alpha, nor an "
                 f"argument of the study; the nearest is {near!r}"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..base.by_name import Maker
-from ..base.errors import InputError
+from ..base.errors import InputError, closest
 
 # the command line lists the names before it needs an objective
 if TYPE_CHECKING:
@@ -27,9 +27,8 @@ def make_objective(name: str, speeds: Sequence[float], track: str) -> "Quantity"
 
     Raises `InputError` for an unknown name.
     """
-    import difflib
 
     if name not in OBJECTIVES:
-        near = difflib.get_close_matches(name, OBJECTIVES, n=1, cutoff=0.0)[0]
+        near = closest(name, OBJECTIVES)
         raise InputError(f"{name!r} is not known; did you mean {near}?")
     return OBJECTIVES[name].make(speeds=speeds, speed=max(speeds), track=track)

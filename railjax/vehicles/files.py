@@ -6,7 +6,6 @@ the base has and the vehicle has not is taken out with `false`, as in `yaw_dampe
 """
 
 import dataclasses
-import difflib
 import math
 import os
 import tomllib
@@ -19,7 +18,7 @@ import numpy as np
 
 from ..base.arguments import guarded
 from ..base.checks import shown
-from ..base.errors import InputError, collecting, nearest
+from ..base.errors import InputError, closest, collecting, nearest
 from ..base.fields import given_number, given_value, keys_by_unit
 from ..base.units import keys_of
 from ..model.consistency import bump_stop_table, consistent
@@ -95,8 +94,8 @@ def _raw(name: str, beside: Path) -> tuple[Table, str, Path]:
     elif name in packaged_vehicles():
         text, key, folder = (_packaged() / f"{name}.toml").read_text(encoding="utf-8"), name, Path(".")
     else:
-        near = difflib.get_close_matches(name, packaged_vehicles(), n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
+        near = closest(name, packaged_vehicles(), least=0.6)
+        hint = f"; did you mean {near!r}?" if near else ""
         raise InputError(f"no vehicle {name!r}: neither a file nor one of {', '.join(packaged_vehicles())}{hint}")
     try:
         return tomllib.loads(text), key, folder

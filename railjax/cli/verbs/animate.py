@@ -77,6 +77,7 @@ def animate(
     if (mode is not None or (limit_cycle and damper == "passive")) and (start_s is not None or stop_s is not None):
         raise InputError(f"--start-s and --stop-s are for a run; {periodic} shows one period")
     from ... import animate as film
+    from ...base.progress import parts_bar
     from ...base.units import KMH
     from ...plots.animation import check_name
     from ...plots.frames import LAST
@@ -101,8 +102,8 @@ def animate(
         displaced = (0.0 if tracked else 5.0) if displaced_mm is None else displaced_mm
         motion, shown = _run(loaded, speed, law, line, displaced, duration_s), {"shown": "run", "assumed": assumed}
         options = {"start": start_s, "stop": stop_s, "title": f"{title}, {'passive damper' if damper == 'passive' else damper}"}
-    with _bar() as progress:
-        made = film(loaded, motion, out, slow=slow, magnified=magnified, progress=progress, **options)
+    with parts_bar() as report:
+        made = film(loaded, motion, out, slow=slow, magnified=magnified, progress=lambda *at: report("pictures", *at), **options)
     fitted = calibrated(loaded)
     content = {"vehicle": loaded.name, "speed_kmh": speed_kmh, "damper": damper, **shown, "out": str(made.path)}
     content |= {"frames": made.frames, "magnified": made.magnified, "slow": made.slow, "calibrated": fitted}
@@ -153,20 +154,3 @@ def _run(vehicle: Any, speed: float, damper: Any, track: Any, displaced: float, 
 
     record, initial = animation_channels(vehicle), {"wheelset_y": 1e-3 * displaced}
     return simulate(vehicle, speed, track=track, damper=damper, duration=duration, initial=initial, record=record, sample=5e-3)
-
-
-def _bar() -> Any:
-    """A context that gives progress(done, total), drawn where standard error is a terminal."""
-    import contextlib
-    import sys
-
-    from rich.console import Console
-    from rich.progress import Progress
-
-    @contextlib.contextmanager
-    def drawn() -> Any:
-        with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty(), transient=True) as bar:
-            task = bar.add_task("pictures", total=None)
-            yield lambda done, total: bar.update(task, completed=done, total=total)
-
-    return drawn()

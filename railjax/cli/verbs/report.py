@@ -1,6 +1,5 @@
 """`railjax report`: one page on any vehicle."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -32,23 +31,18 @@ def report(
     if not out.parent.is_dir():
         raise InputError(f"--out {out}: there is no folder {out.parent}")
     loaded = load(vehicle)
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
     from ... import vehicle_report
+    from ...base.progress import parts_bar
     from ...base.units import KMH
     from ...reports.vehicle.vehicle_report import SECTIONS
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    # not into a file or a pipe, where errors are to be the only line
-    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("", total=None)
+    with parts_bar() as report_part:
         made = vehicle_report(
             loaded,
             speed=None if speed_kmh is None else speed_kmh / KMH,
             track=track,
             sections=only or SECTIONS,
-            progress=lambda title, done, total: bar.update(task, description=title, completed=done, total=total),
+            progress=report_part,
         )
     made.save(out)
     show({**made.content, "out": str(out)}, [str(made), f"report: {out}"], as_json)

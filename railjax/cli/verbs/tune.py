@@ -1,13 +1,12 @@
 """`railjax tune`: parameters of a vehicle and its damper for an objective under constraints, on the command line."""
 
-import difflib
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ...base.errors import InputError
+from ...base.errors import InputError, closest
 from ...base.units import KMH
 from ...tuning.named import OBJECTIVES
 from ..common import Alpha, AsJson, DamperName, TrackName, VehicleName, completing, finite, load, show, working
@@ -115,7 +114,7 @@ def _parameter(vehicle: "Vehicle", damper: "Damper", text: str) -> tuple[str, tu
         if is_number(entry):
             known |= {f"damper.{entry.name}": (f"damper.{entry.name}", 1.0), f"damper.{key}": (f"damper.{entry.name}", factor)}
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
+        near = closest(name, known)
         whose = (
             f"{type(damper).__name__} has no {name[7:]!r}" if name.startswith("damper.") else "this vehicle has no such number"
         )

@@ -5,7 +5,6 @@ The variance of the alignment between two wavenumbers is the integral of S. A sp
 """
 
 import dataclasses
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ...base.arguments import guarded
 from ...base.checks import positive, shown, traced
 from ...base.csv_columns import IN_PYTHON, read_columns
-from ...base.errors import InputError
+from ...base.errors import InputError, closest
 from ...base.fields import check_numbers, parameter, structure, table
 from ...base.text_table import is_table
 from ...base.typing import Number, Scalar
@@ -255,7 +254,7 @@ def spectrum(source: str | Path | Callable | Spectrum) -> Spectrum:
         return NAMED[str(source)]
     if isinstance(source, Path) or is_table(str(source)):
         return TableSpectrum.from_csv(source)
-    near = difflib.get_close_matches(str(source), NAMED, n=1, cutoff=0.0)[0]
+    near = closest(source, NAMED)
     raise InputError(f"no spectrum {source!r}; the nearest is {near!r} (known: {', '.join(NAMED)}, or a .csv file)")
 
 
