@@ -237,7 +237,7 @@ def _motions(vehicle: Vehicle, law: Any, internal_size: float, rng: np.random.Ge
     count, lanes, slow = size(vehicle), MOVING + NASTY, np.ones(MOVING + NASTY)
     slow[:MOVING] = np.geomspace(1e-4, 1.0, MOVING)  # down to what noise makes
     sizes = [amount * slow * rng.normal(size=(count, lanes)) for amount in (TRAVEL, VELOCITY)]
-    seen = dampers.Seen(
+    seen = dampers.Seen(  # type: ignore[call-arg]
         *(split(vehicle, jnp.asarray(part)) for part in sizes),
         internal_size * jnp.asarray(rng.normal(size=(yaw_damper_states(vehicle), len(vehicle.geometry.bogie_pattern), lanes))),
     )
@@ -354,7 +354,7 @@ def _least_work(law: Any, vehicle: Vehicle, shapes: Any, tones: Any, steps: Any)
 
     def given(t: Any, internal: Any) -> dict:
         parts = jnp.sum(jnp.sin(tones * t)[:, None] * shapes, 0), jnp.sum((tones * jnp.cos(tones * t))[:, None] * shapes, 0)
-        seen = dampers.Seen(
+        seen = dampers.Seen(  # type: ignore[call-arg]
             *(split(vehicle, part) for part in parts),
             jnp.zeros((yaw_damper_states(vehicle), len(vehicle.geometry.bogie_pattern))),
         )

@@ -43,7 +43,7 @@ def a_state(key: str, value: Any) -> None:
 ONE_SPEED = SPEED._replace(axes=0)
 
 #: name -> rule; functions say where they mean something else by a name
-ARGUMENTS: dict[str, Rule] = {
+ARGUMENTS: dict[str, Any] = {
     # speeds, times, numbers
     "speed": SPEED,
     "speeds": Rising(SPEED, 1),

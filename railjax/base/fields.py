@@ -251,7 +251,7 @@ def _in_si(given: float, factor: float, about: About, name: str) -> float:
 def keys_by_unit(part: Any) -> dict[str, tuple[dataclasses.Field, float]]:
     """Every key by which a file may give a number of a dataclass, with the field and the factor to SI: mass_kg, mass_t; of a unit without
     others the unit itself, voltage_gain_V_per_m. What declares no unit is given by its name."""
-    found = {}
+    found: dict[str, Any] = {}
     for entry in dataclasses.fields(part):
         if entry.metadata.get("static"):
             continue

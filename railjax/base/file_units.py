@@ -84,7 +84,7 @@ def _spelled(written: str) -> str:
 def _registry() -> Any:
     import pint
 
-    registry = pint.UnitRegistry(on_redefinition="ignore")
+    registry: Any = pint.UnitRegistry(on_redefinition="ignore")
     for alias in ALIASES:
         registry.define(alias)
     return registry

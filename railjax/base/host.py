@@ -87,14 +87,14 @@ _host.multiple_results = True
 
 @_host.def_impl
 def _computed(*leaves: Any, call: _Call) -> list[jax.Array]:
-    leaves = [np.asarray(leaf) for leaf in leaves]
-    count = next((leaf.shape[-1] for leaf, lane in zip(leaves, call.lanes, strict=True) if lane), None)
+    given = [np.asarray(leaf) for leaf in leaves]
+    count = next((leaf.shape[-1] for leaf, lane in zip(given, call.lanes, strict=True) if lane), None)
     lanes = [
-        call.structure.unflatten([leaf[..., k] if lane else leaf for leaf, lane in zip(leaves, call.lanes, strict=True)])
+        call.structure.unflatten([leaf[..., k] if lane else leaf for leaf, lane in zip(given, call.lanes, strict=True)])
         for k in range(1 if count is None else count)
     ]
     answer = call.function.many(lanes, call.slopes, *call.options)
-    found = [np.asarray(v, kind) for v, kind in zip(answer.values, call.function.outputs, strict=True)]
+    found: list[np.ndarray] = [np.asarray(v, kind) for v, kind in zip(answer.values, call.function.outputs, strict=True)]
     found += [np.stack(slopes, axis=-1) for slopes in zip(*(answer.slopes or ()), strict=True)]
     return [jnp.asarray(values[..., 0] if count is None else values) for values in found]
 

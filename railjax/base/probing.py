@@ -42,8 +42,8 @@ def round_trip(name: str, value: Any) -> None:
     # `label`s of tracks are for printing, and said to be lost
     for key in [field.name for field in fields if not (field.metadata.get("static") and field.name == "label")]:
         kept, own = getattr(again, key), getattr(value, key)
-        assert jax.tree.structure(kept) == jax.tree.structure(own), f"{name}: {key} is {kept!r} after flattening, not {own!r}"
-    assert jax.tree.structure(again) == structure, f"{name}: flattened again it is {jax.tree.structure(again)}, not {structure}"
+        assert jax.tree.structure(kept) == jax.tree.structure(own), f"{name}: {key} is {kept!r} after flattening, not {own!r}"  # type: ignore[operator]
+    assert jax.tree.structure(again) == structure, f"{name}: flattened again it is {jax.tree.structure(again)}, not {structure}"  # type: ignore[operator]
     for kept, own in zip(jax.tree.leaves(again), leaves, strict=True):
         assert np.array_equal(kept, own, equal_nan=True), f"{name}: a number is {kept} after flattening, not {own}"
 

@@ -83,7 +83,7 @@ class Grid:
 
         instants = self.dt * np.arange(int(self.stamps[-1] / self.dt + 1e-6) + 1)
         found = CubicSpline(self.stamps, values)(instants)
-        across = self.holes[np.clip(np.searchsorted(self.stamps, instants, side="right") - 1, 0, len(self.holes) - 1)]
+        across = self.holes[np.clip(np.searchsorted(self.stamps, instants, side="right") - 1, 0, len(self.holes) - 1)]  # type: ignore[index]
         return np.where(across, np.interp(instants, self.stamps, values), found)
 
 

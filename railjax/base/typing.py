@@ -10,3 +10,6 @@ Scalar = float | int | np.floating | Float[Array, "..."] | Float[np.ndarray, "..
 
 #: The same as a field of a pytree. Not checked: JAX rebuilds pytrees with tracers, placeholders and None.
 Number = Any
+
+#: Numbers or arrays of NumPy or of JAX, whichever a namespace handed in makes of them (`namespace`). Not checked.
+Values = Any

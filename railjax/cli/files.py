@@ -55,7 +55,7 @@ def units_of(
     """Units by quantity: a unit alone is that of all but the time. `known` are the units that such a one may be. Raises `InputError`."""
     from ..base.file_units import factor
 
-    kinds, found = list(kinds), {}
+    kinds, found = list(kinds), {}  # type: ignore[var-annotated]
     for text in texts or ():
         if "=" in text:
             found |= named("--unit", [text], kinds, "quantity")

@@ -77,7 +77,7 @@ class BoucWenDamper(Law):
     voltage: Number = parameter("V", "", "voltage where balance logic does not act", 0.0)
     travel_width: Number = parameter("m", "", "smooth twin: rounding of the travel's sign", 2e-4, positive=True)
     velocity_width: Number = parameter("m/s", "", "smooth twin: rounding of the velocity's sign", 5e-3, positive=True)
-    law: Literal["sharp", "smooth"] = twin()
+    law: Literal["sharp", "smooth"] = twin()  # type: ignore[misc]
     sample_time: Number = optional("s", "", "time from decision to decision; None: at every step", positive=True, default=1e-3)
 
     @property
@@ -196,7 +196,7 @@ class HybridDamper(Law):
     current_lag: Number = parameter("s", "", "time constant of driver and coil", 5e-3, positive=True)
     travel_width: Number = parameter("m", "", "smooth twin: rounding of the travel's sign", 2e-4, positive=True)
     velocity_width: Number = parameter("m/s", "", "smooth twin: rounding of the velocity's sign", 5e-3, positive=True)
-    law: Literal["sharp", "smooth"] = twin()
+    law: Literal["sharp", "smooth"] = twin()  # type: ignore[misc]
     sample_time: Number = optional("s", "", "time from decision to decision; None: at every step", positive=True, default=1e-3)
 
     @property

@@ -49,7 +49,7 @@ class Controlled(Law):
     sample_time: Number = optional("s", "", "time from decision to decision; None: at every step", positive=True, default=1e-3)
     velocity_width: Number = parameter("m/s", "", "smooth twin: rounding of the velocity's sign", 5e-3, positive=True)
     signal_width: Number = parameter("1", "", "smooth twin: rounding of the signal's sign, of its scale", 0.02, positive=True)
-    law: Literal["sharp", "smooth"] = twin()
+    law: Literal["sharp", "smooth"] = twin()  # type: ignore[misc]
 
     observes: ClassVar[bool] = True
     #: what counts as one of the signal
@@ -58,7 +58,7 @@ class Controlled(Law):
     @property
     def states(self) -> tuple[str, ...]:
         """Internal states by name: held decision and direction of the sharp law and its clock, lagged opening, lagged measurement."""
-        names = ("decision", "direction") if self.law == "sharp" else ()
+        names: tuple[str, ...] = ("decision", "direction") if self.law == "sharp" else ()
         names += ("clock",) if self.law == "sharp" and self.sample_time is not None else ()
         names += () if self.actuator_lag is None else ("opening",)
         return names if self.sensor_lag is None else (*names, "sensed")

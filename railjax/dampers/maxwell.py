@@ -26,7 +26,7 @@ class MaxwellDamper(Law):
     blow_off_velocity: Number = optional("m/s", "v_0", "velocity at which it blows off")
     damping_beyond: Number = optional("N s/m", "c_b", "damping per side beyond blow-off", positive=True)
     blow_off_width: Number = parameter("m/s", "", "smooth twin: rounding of the blow-off's corners", 1e-3, positive=True)
-    law: Literal["sharp", "smooth"] = twin()
+    law: Literal["sharp", "smooth"] = twin()  # type: ignore[misc]
 
     internal_states: ClassVar[int] = 1
 

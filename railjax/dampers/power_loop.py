@@ -67,7 +67,7 @@ def _polynomials(n: float) -> tuple[np.polynomial.Polynomial, np.polynomial.Poly
 def _at(polynomial: np.polynomial.Polynomial, x: Values) -> Values:
     """By Horner's rule, in the variable that the polynomial's domain makes -1 to 1."""
     offset, slope = polynomial.mapparms()
-    t, *coefficients = offset + slope * x, *polynomial.coef[::-1].tolist()
+    t, coefficients = offset + slope * x, list(polynomial.coef[::-1])
     total = jnp.full_like(t, coefficients[0])
     for coefficient in coefficients[1:]:
         total = total * t + coefficient

@@ -162,7 +162,7 @@ def damper_extremes(vehicle: Vehicle, damper: Damper) -> list[Damper]:
 def with_law(damper: Damper, law: str) -> Damper:
     """The damper with its "sharp" law, or with the "smooth" twin of it, if it has both."""
     own = answers(damper).law
-    return dataclasses.replace(damper, law=law) if isinstance(own, str) and own in LAWS and own != law else damper
+    return dataclasses.replace(damper, law=law) if isinstance(own, str) and own in LAWS and own != law else damper  # type: ignore[type-var]
 
 
 def check_damper(damper: object) -> None:

@@ -91,7 +91,7 @@ def extremes(vehicle: Vehicle) -> list[Vehicle]:
     found = [vehicle]
     yaw, stop = vehicle.yaw_damper, vehicle.bump_stop
     if yaw_damper_states(vehicle) and yaw.blow_off_velocity is not None:
-        blown = dataclasses.replace(yaw, damping=yaw.damping_beyond, blow_off_velocity=None, damping_beyond=None)
+        blown = dataclasses.replace(yaw, damping=yaw.damping_beyond, blow_off_velocity=None, damping_beyond=None)  # type: ignore[type-var]
         found += [dataclasses.replace(one, yaw_damper=blown) for one in found]
     if stop is not None:
         travel, force = jnp.asarray(stop.travel), jnp.asarray(stop.force)

@@ -238,7 +238,7 @@ class Vehicle:
 
 #: part of a vehicle -> its class; a vehicle may do without those in OPTIONAL
 PARTS: dict[str, type] = {
-    f.name: next(kind for kind in (f.type, *get_args(f.type)) if dataclasses.is_dataclass(kind))
+    f.name: next(kind for kind in (f.type, *get_args(f.type)) if dataclasses.is_dataclass(kind))  # type: ignore[misc]
     for f in dataclasses.fields(Vehicle)
     if not f.metadata.get("static")
 }

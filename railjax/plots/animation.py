@@ -181,7 +181,7 @@ class Stage:
         """Move everything to a picture of the course."""
         course, view = self.course, self.view
         distance = float(course.distance[frame])
-        track = None if course.alignment is None else (lambda along: course.alignment(distance + along))
+        track = None if course.alignment is None else (lambda along: course.alignment(distance + along))  # type: ignore[misc]
         view.show({name: values[frame] for name, values in course.coordinates.items()}, distance, track)
         view.leave_trail(*self._trail(frame))
         self.cursor.set_xdata([course.time[frame]] * 2)

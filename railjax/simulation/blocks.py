@@ -116,7 +116,7 @@ def _block(block: Block) -> Callable[[tuple], tuple[Integrated, Progress]]:
         progress = progress._replace(
             x=jnp.broadcast_to(x.reshape(x.shape + (1,) * (len(shape) + 1 - x.ndim)), (x.shape[0], *shape))
         )
-        return advance(*parameters, progress, dt, settle, first, count, bursts, block)
+        return advance(*parameters, progress, dt, settle, first, count, bursts, block)  # type: ignore[call-arg]
 
     return function
 
@@ -144,13 +144,13 @@ def finished(
 
     sums = tuple(np.zeros((*shape_of(parse_reduction(name)[1], vehicle), *along), dtype) for name in plan.reduce)
     progress = Progress(x, sums, np.zeros(along, bool))
-    dt, settle = np.asarray(dt, dtype), np.asarray(settle, dtype)
+    dt, settle = np.asarray(dt, dtype), np.asarray(settle, dtype)  # type: ignore[assignment]
     if lanes is None:
         work = functools.partial(_block_alone(block), Packed.of(parameters))
     else:
-        own = {len(parameters): Progress(1, tuple(s.ndim - 1 for s in sums), 0)}
+        own = {len(parameters): Progress(1, tuple(s.ndim - 1 for s in sums), 0)}  # type: ignore[misc]
 
-        def work(*rest: Any) -> tuple[Integrated, Progress]:
+        def work(*rest: Any) -> tuple[Integrated, Progress]:  # type: ignore[misc]
             return Batch.of(*parameters, *rest, own=own).in_chunks(_block(block), chunk, spread=True)
 
     pieces, states = [], []

@@ -186,7 +186,7 @@ def integrated(
     guarded = holds is not None
     if guarded:
         # a failed lane stays at rest on straight track, where all is finite whatever its parameters
-        sound &= holds
+        sound &= holds  # type: ignore[operator]
         vehicle, damper, speed, track = without_nan((vehicle, damper, speed, track))
         x = jnp.where(sound, x, 0.0)
     straight = ~sound if guarded else None
@@ -325,7 +325,7 @@ def _inputs(
     varying = isinstance(speed, SpeedProfile)
     if not varying:
         column = halves.reshape((-1,) + (1,) * like.ndim)
-        positions = speed * (column * dt) + positions
+        positions = speed * (column * dt) + positions  # type: ignore[assignment, operator]
     # sampled once for all that use it
     rough = track.seen_from(positions)
     seen = fence(rough if straight is None else lambda start: jnp.where(straight, 0.0, rough(start)))
@@ -334,8 +334,8 @@ def _inputs(
         if varying:
             time = (index * burst + halves) * dt
             alignment = jax.vmap(seen)(speed.distance(time).astype(like.dtype))
-            return Inputs(alignment, (1.0 / speed.at(time)).astype(like.dtype))
-        alignment = seen(jnp.asarray(speed * (index * burst * dt), like.dtype))
+            return Inputs(alignment, (1.0 / speed.at(time)).astype(like.dtype))  # type: ignore[operator]
+        alignment = seen(jnp.asarray(speed * (index * burst * dt), like.dtype))  # type: ignore[operator]
         return Inputs(jnp.broadcast_to(alignment, (2 * burst + 1, *like.shape)), None)
 
     def inputs(index: Array) -> tuple[Inputs, Array]:

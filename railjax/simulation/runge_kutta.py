@@ -44,7 +44,7 @@ def rk4(
         if looped:
             share = jnp.where((k == 1) | (k == 2), dt / 3.0, dt / 6.0), jnp.where(k == 2, dt, 0.5 * dt)
             return *_staged(x, total, rate, *share), sums
-        share = dt / (3.0 if k in (1, 2) else 6.0), dt if k == 2 else 0.5 * dt
+        share = dt / (3.0 if k in (1, 2) else 6.0), dt if k == 2 else 0.5 * dt  # type: ignore[assignment]
         total = jax.tree.map(lambda total, rate: total + share[0] * rate, total, rate)
         return (_in_rows(_onward, x, rate, share[1]) if k < 3 else x), total, sums
 

@@ -104,7 +104,7 @@ def _known(
 ) -> tuple[Integrated, np.ndarray, Sampled | None]:
     """Numbers that are known: what need not be compiled is done by NumPy."""
     vehicle, damper, speed, _ = parameters
-    x = np.asarray(x)
+    x = np.asarray(x)  # type: ignore[assignment]
     alone = x.ndim == 1 and all(leaf.ndim == 0 for leaf in jax.tree.leaves(parameters))  # mostly; then without a look at the axes
     lanes = None if alone else _batch(*parameters, x).lanes
     slowest = np.min(speed.speed, axis=0) if isinstance(speed, SpeedProfile) else speed
@@ -175,10 +175,10 @@ def _fastest_known(vehicle: Vehicle, slowest: Any, damper: Damper, enough: float
     """`_fastest` of known numbers."""
     batch = Batch.of(vehicle, slowest, damper)
     if batch.lanes is None:
-        return np.asarray(fastest_rate_on_host(*batch.trees, enough))
+        return np.asarray(fastest_rate_on_host(*batch.trees, enough))  # type: ignore[call-arg]
     if batch.lanes > FEW_LANES:
         return np.asarray(_fastest(*batch.trees, np.asarray(enough), spread=True))
-    return np.array([fastest_rate_on_host(*batch.take(k), enough) for k in range(batch.lanes)])
+    return np.array([fastest_rate_on_host(*batch.take(k), enough) for k in range(batch.lanes)])  # type: ignore[call-arg]
 
 
 #: lanes whose dt is checked together: their matrices stay in cache

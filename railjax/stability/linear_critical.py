@@ -214,10 +214,10 @@ def _searched(lanes: int | None, trees: tuple, lowest: float, highest: float) ->
         at, _ = along_speed(*trees)(np.array(speeds))
         crossing, outcome = lowest_crossing(pencil(at[:, None], speeds, gyroscopic), lowest, highest)
         return Crossing(*(part[0, ...] for part in crossing)), _code(outcome, np)[0, ...]
-    at = lanes_along_speed(trees, TOGETHER)
+    at = lanes_along_speed(trees, TOGETHER)  # type: ignore[assignment]
 
     def piece(start: int) -> tuple[Crossing, Outcome]:
-        matrices = at(np.array(speeds), start, min(start + TOGETHER, lanes))
+        matrices = at(np.array(speeds), start, min(start + TOGETHER, lanes))  # type: ignore[operator]
         return lowest_crossing(pencil(matrices, speeds, gyroscopic), lowest, highest)
 
     found = in_threads(piece, range(0, lanes, TOGETHER))

@@ -127,7 +127,7 @@ def _modes_of(vehicle: Vehicle, speed: float, matrix: Float[np.ndarray, "states 
 def damping_ratios(values: Complex[Array | np.ndarray, "..."]) -> Float[Array | np.ndarray, "..."]:
     """zeta = -Re(lambda)/|lambda| of eigenvalues, by the library that they are of; 0 for a rigid-body mode, lambda = 0."""
     size = abs(values)
-    return -values.real / (np if isinstance(values, np.ndarray) else jnp).where(size > 0.0, size, 1.0)
+    return -values.real / (np if isinstance(values, np.ndarray) else jnp).where(size > 0.0, size, 1.0)  # type: ignore[operator]
 
 
 class LeastDamped(NamedTuple):

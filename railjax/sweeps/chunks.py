@@ -122,7 +122,9 @@ def _run(job: Job, points: Points, lanes: int) -> Computed:
     """The study on a chunk filled up to `lanes` with copies of its last point, so that every chunk has one shape."""
     count = _count(points)
     if getattr(job.study, "traced", True):
-        filled = {name: jnp.asarray(np.pad(values, (0, lanes - count), mode="edge")) for name, values in points.items()}
+        filled: dict[str, Any] = {
+            name: jnp.asarray(np.pad(values, (0, lanes - count), mode="edge")) for name, values in points.items()
+        }
     else:
         filled, lanes = points, count  # what runs in Python has no shape to keep
     variables, code, meanings = _as_variables(job, job.study(**placed(job.given, filled)), lanes)
@@ -161,9 +163,9 @@ def _of_simulation(run: Simulation, lanes: int) -> tuple[dict[str, Variable], np
     variables = {}
     for name, values in run.reductions.items():
         channel = CHANNELS[name.partition(":")[2]]
-        values = _with_lanes(name, values, lanes)
-        dims = (channel.part,) if values.ndim > 1 else ()
-        variables[name.replace(":", "_")] = Variable(np.where(code == Result.OK, values, np.nan), dims, channel.unit)
+        found = _with_lanes(name, values, lanes)
+        dims = (channel.part,) if found.ndim > 1 else ()
+        variables[name.replace(":", "_")] = Variable(np.where(code == Result.OK, found, np.nan), dims, channel.unit)
     return variables, code, {entry.value: entry.name.lower() for entry in Result}
 
 

@@ -198,7 +198,7 @@ class SweepStore:
 
     def _file(self, name: str, where: tuple[int, ...]) -> Path:
         array = self.arrays[name]
-        return self.path / name / array.metadata.encode_chunk_key((*where, *(0,) * (array.ndim - len(where))))
+        return self.path / name / array.metadata.encode_chunk_key((*where, *(0,) * (array.ndim - len(where))))  # type: ignore[operator]
 
 
 def _short(value: str | None) -> str:

@@ -155,7 +155,7 @@ def sweep(
             settings = Settings(bool(jax.config.jax_enable_x64), devices)
             results = in_workers(executor, job, settings, blocks, todo, store, in_flight)
         clock = Clock(sum(blocks.size(k) for k in ours if done[k]), sum(blocks.size(k) for k in ours))
-        with contextlib.closing(results), _reporting(progress) as report:
+        with contextlib.closing(results), _reporting(progress) as report:  # type: ignore[type-var]
             try:
                 _write(results, store, blocks, clock, report, stop)
             except KeyboardInterrupt:

@@ -32,11 +32,11 @@ def differentiated_to_the_end(
         found = [_forward(quantity, space, jnp.asarray(point)) for point in x]
         values, slopes, ends = zip(*found, strict=True)
         return np.array([float(value) for value in values]), np.array([np.asarray(slope) for slope in slopes]), list(ends)
-    values, slopes = np.empty(len(x)), np.empty(x.shape)
+    values, slopes = np.empty(len(x)), np.empty(x.shape)  # type: ignore[assignment]
     for k, point in enumerate(x):
         trees, tangents = space.along(jnp.asarray(point))
         value, gradients = _reverse(quantity, trees)
-        values[k], slopes[k] = float(value), np.asarray(_projected(gradients, tangents))
+        values[k], slopes[k] = float(value), np.asarray(_projected(gradients, tangents))  # type: ignore[index]
     return values, slopes, [None] * len(x)
 
 

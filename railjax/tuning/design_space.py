@@ -111,7 +111,7 @@ def with_values(vehicle: Vehicle, damper: Damper, paths: tuple[tuple[str, ...], 
     for names, value in zip(paths, values, strict=True):
         for path in names:
             if path.startswith(OF_DAMPER):
-                damper = dataclasses.replace(damper, **{path.removeprefix(OF_DAMPER): value})
+                damper = dataclasses.replace(damper, **{path.removeprefix(OF_DAMPER): value})  # type: ignore[type-var]
             else:
                 vehicle = set_parameter(vehicle, path, value)
     return vehicle, damper

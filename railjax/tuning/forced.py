@@ -220,7 +220,7 @@ class Run(Forced):
         """All lanes and speeds in one batch."""
         batch, speeds = Batch.of(*smoothed_laws(vehicle, damper)), jnp.asarray(self.speeds)
         repeated = batch.take(np.repeat(np.arange(batch.lanes), len(speeds)))
-        values, _ = self._values(*repeated, jnp.tile(speeds, batch.lanes))
+        values, _ = self._values(*repeated, jnp.tile(speeds, batch.lanes))  # type: ignore[call-arg]
         found = values.reshape(len(self.tracks), batch.lanes, len(speeds))
         return jax.vmap(lambda values: self._together(values.reshape(-1)), in_axes=1)(found)
 

@@ -219,7 +219,7 @@ class _Runs:
         if scatter is not None:
             robust = expected(comfort(float(speeds[0])), scatter)
             self.samples = scatter.samples
-            repeated = dataclasses.replace(robust, samples=jnp.tile(robust.samples, len(speeds)))
+            repeated = dataclasses.replace(robust, samples=jnp.tile(robust.samples, len(speeds)))  # type: ignore[type-var]
             vehicle = repeated.scattered(vehicle)
         self.vehicle, self.damper, self.parameter, self.track = vehicle, damper, parameter, track
         self.lanes = jnp.repeat(jnp.asarray(speeds), self.samples)
@@ -237,7 +237,7 @@ class _Runs:
         lanes = self._spread(gains)
         if sharp or passive:
             vehicle, damper = sharp_laws(self.vehicle, self.damper)
-            damper = PASSIVE if passive else dataclasses.replace(damper, **{self.parameter: lanes})
+            damper = PASSIVE if passive else dataclasses.replace(damper, **{self.parameter: lanes})  # type: ignore[type-var]
             values = _square(vehicle, damper, self.lanes, self.track, self.options)
             return self._over_samples(values), np.full(len(gains), np.nan)
         vehicle, damper = smoothed_laws(self.vehicle, self.damper)
@@ -247,7 +247,7 @@ class _Runs:
     def hunts(self, gains: np.ndarray) -> Bool[np.ndarray, "speeds"]:
         """Where any sample hunts."""
         vehicle, damper = smoothed_laws(self.vehicle, self.damper)
-        damper = dataclasses.replace(damper, **{self.parameter: self._spread(gains)})
+        damper = dataclasses.replace(damper, **{self.parameter: self._spread(gains)})  # type: ignore[type-var]
         _, duration, _, dt = self.options
         run = simulate(vehicle, self.lanes, track=self.track, damper=damper, duration=duration, dt=dt, record=(), sample=dt)
         self.count += 2 * len(self.lanes)

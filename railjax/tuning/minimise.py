@@ -40,7 +40,8 @@ class _Counted:
     """One start's evaluations: the last is kept, all values are noted, and the best point so far. Raises `_Stalled`."""
 
     def __init__(self, evaluate: Evaluate, tolerance: float) -> None:
-        self.evaluate, self.history, self.tolerance = evaluate, [], tolerance
+        self.evaluate, self.tolerance = evaluate, tolerance
+        self.history: list[np.ndarray] = []
         self.gained = 0, None  # evaluations at the last gain, and the values then
         self.x: np.ndarray | None = None
         self.finite: tuple[np.ndarray, np.ndarray] | None = None

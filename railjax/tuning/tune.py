@@ -219,12 +219,12 @@ def promising(
     """Points of a Sobol sequence away from a `known` optimum, the best first: those that meet the constraints, then by violation. One by
     one, because a batch of its own would be compiled first."""
     points = start_points(evaluate.space, min(LOOKED_AT, 3 * len(known)) + 1, seed)[1:]
-    points = [x for x in points if np.max(np.abs(x - known)) > ELSEWHERE]
-    values = [evaluate(x[None])[0][0] for x in points]
-    evaluate.looked_at += len(points)
+    away = [x for x in points if np.max(np.abs(x - known)) > ELSEWHERE]
+    values = [evaluate(x[None])[0][0] for x in away]
+    evaluate.looked_at += len(away)
     computed = [k for k, found in enumerate(values) if np.all(np.isfinite(found))]
     merit = lambda k: (max(0.0, *values[k][1:]) if len(values[k]) > 1 else 0.0, values[k][0])  # noqa: E731
-    return [points[k] for k in sorted(computed, key=merit)]
+    return [away[k] for k in sorted(computed, key=merit)]
 
 
 def _engine(optimiser: Any, tolerance: float, most: int) -> tuple[str, Any]:

@@ -159,7 +159,7 @@ def acceptance(
         raise InputError(f"--length-m {length_m:g} does not hold a section and the margins; give {math.ceil(shortest)} or more")
     samples = math.ceil(length_m / (min(speeds) * every * dt_s))
     if line is None:
-        line, _ = make_track(track, track_seed, length=max(1000.0, 100.0 + samples * every * dt_s * max(speeds)), file=how)
+        line, _ = make_track(track, track_seed, length=max(1000.0, 100.0 + samples * every * dt_s * max(speeds)), file=how)  # type: ignore[assignment]
     with working(f"running {samples * every * dt_s:.0f} s of {loaded.name}"):
         run = simulate(
             loaded,

@@ -110,8 +110,9 @@ def comfort(
     from ...ride.comfort import comfort as judge
 
     prepare()
-    options = {"mean": mean_comfort, "sperling_exponent": sperling_exponent, "sperling_power": sperling_power}
+    options: dict[str, Any] = {"mean": mean_comfort, "sperling_exponent": sperling_exponent, "sperling_power": sperling_power}
     options["weightings"] = _weightings(weighting)
+    content: dict[str, Any]
     if is_table(source):
         from ...base.stamps import BRIDGE
         from ...ride.rides import ACCELERATIONS, NAMES, read_ride

@@ -123,9 +123,9 @@ def gap_field(device: MrDevice, fluid: MrFluid, steel: Steel, current: Scalar) -
     def excess(share: Float[Array, ""], _: None) -> Float[Array, ""]:
         return (circuit(device, fluid, steel, share * scale).ampere_turns - wanted) / (wanted + 1.0)
 
-    solver = optimistix.Bisection(rtol=1e-12, atol=1e-12)
+    solver = optimistix.Bisection(rtol=1e-12, atol=1e-12)  # type: ignore[call-arg, var-annotated]
     options = {"lower": jnp.zeros_like(scale) - 1e-9, "upper": jnp.ones_like(scale)}
-    found = optimistix.root_find(excess, solver, jnp.asarray(0.5, scale.dtype), options=options, max_steps=100, throw=False)
+    found = optimistix.root_find(excess, solver, jnp.asarray(0.5, scale.dtype), options=options, max_steps=100, throw=False)  # type: ignore[var-annotated]
     return found.value * scale
 
 

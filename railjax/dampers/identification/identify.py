@@ -261,11 +261,11 @@ def _levenberg_marquardt(
 ) -> tuple[Array, Array]:
     import optimistix
 
-    solver = optimistix.LevenbergMarquardt(rtol=1e-7, atol=1e-7)
+    solver = optimistix.LevenbergMarquardt(rtol=1e-7, atol=1e-7)  # type: ignore[var-annotated]
 
     def one(start: Unknowns, prior: Unknowns, centre: Unknowns) -> tuple[Unknowns, Array]:
         force = _with_jacobian(problem._replace(prior=prior, centre=centre), choice, scale)
-        found = optimistix.least_squares(
+        found = optimistix.least_squares(  # type: ignore[var-annotated]
             lambda q, _: force(q) / unit, solver, start, options={"jac": "fwd"}, max_steps=iterations, throw=False
         )
         return found.value, jnp.sum(force(found.value) ** 2)

@@ -152,7 +152,7 @@ def motion_of(record: Record) -> bouc_wen.Motion:
     """The record's stretches one after the other."""
     columns = (record.displacement, record.velocity, record.command)
     pieces = [
-        bouc_wen.motion_of(*(jnp.asarray(values[stretch]) for values in columns), stretch=index)
+        bouc_wen.motion_of(*(jnp.asarray(values[stretch]) for values in columns), stretch=index)  # type: ignore[misc]
         for index, stretch in enumerate(record.stretches)
     ]
     return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *pieces)

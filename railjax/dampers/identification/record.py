@@ -97,7 +97,7 @@ class Record:
         begins = tuple(int(number) for number in np.cumsum([0, *lengths[:-1]]))
         columns = (self.displacement, self.velocity, self.command, self.force)
         picked = [np.concatenate([values[part] for part in parts]) for values in columns]
-        return Record(*picked, dt, self.name, self.notes, begins, self.integrated)
+        return Record(*picked, dt, self.name, self.notes, begins, self.integrated)  # type: ignore[call-arg]
 
 
 def joined(records: Sequence[Record]) -> Record:
@@ -114,7 +114,7 @@ def joined(records: Sequence[Record]) -> Record:
     columns = ("displacement", "velocity", "command", "force")
     lengths = np.cumsum([0, *map(len, records[:-1])])
     begins = tuple(int(at + begin) for at, record in zip(lengths, records, strict=True) for begin in record.begins)
-    return Record(
+    return Record(  # type: ignore[call-arg]
         *(np.concatenate([getattr(record, name) for record in records]) for name in columns),
         first.dt,
         ", ".join(dict.fromkeys(record.name for record in records)),

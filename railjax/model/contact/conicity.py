@@ -18,10 +18,9 @@ from ...base.arguments import guarded
 from ...base.checks import Range, Rising, Samples, positive
 from ...base.errors import InputError
 from ...base.namespace import constant, namespace, repeated
-from ...base.typing import Scalar
+from ...base.typing import Scalar, Values
 
 #: also one number of NumPy
-Values = Scalar
 
 #: nodes of the integral over half a wave; measured Delta r has corners, which is what asks for many
 NODES = 400

@@ -92,7 +92,7 @@ def contact_force(vehicle: Vehicle, creepage: Creepage, y_rel: Wheelsets, psi: W
     lateral = contact.creep_lateral * creepage.lateral
     u, factor = _saturated(contact, longitudinal, lateral)
     if contact.law == "linear":
-        factor = 2.0
+        factor = 2.0  # type: ignore[assignment]
     flange = flange_force(contact, y_rel)
     force = factor * (lateral + contact.creep_lateral_spin * creepage.spin) + flange
     moment = factor * (

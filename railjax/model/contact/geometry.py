@@ -15,7 +15,7 @@ from ...base.checks import Range, Rising, positive, shown, traced
 from ...base.errors import InputError
 from ...base.namespace import known
 from ...base.precision import require_double_precision
-from ...base.typing import Number, Scalar
+from ...base.typing import Number, Scalar, Values
 from .kalker import STEEL_POISSON, STEEL_YOUNG, ContactEllipse, CreepCoefficients, contact_ellipse, creep_coefficients
 from .points import STEP, Contacts, Cubics, Pose, Side, Touching, contacts, laid, touching
 from .profiles import RailProfile, WheelProfile
@@ -72,7 +72,7 @@ class ContactGeometry(ContactFunctions):
     approach: Number  # m, of wheel and rail, over which the smooth form spreads
 
     @property
-    def half_distance(self) -> Scalar:
+    def half_distance(self) -> Values:
         """e, half the distance of the tread datums, m."""
         return self.sides.base[0]
 
@@ -146,7 +146,7 @@ class ContactGeometry(ContactFunctions):
 
         y, delta_r = np.asarray(self.y), np.asarray(self.delta_r)
         amplitudes = [a for a in (1e-3, 2e-3, 3e-3, 4e-3, 5e-3) if a <= 0.5 * (y[-1] - y[0])]
-        conicity = np.asarray(equivalent_conicity(y, delta_r, np.array(amplitudes))) if amplitudes else []
+        conicity: Any = np.asarray(equivalent_conicity(y, delta_r, np.array(amplitudes))) if amplitudes else []
         lines = [
             f"{names(self.profiles[0])} on {names(self.profiles[1])}, y from {1e3 * y[0]:g} to {1e3 * y[-1]:g} mm",
             *[f"equivalent conicity at {1e3 * a:g} mm: {c:.3f}" for a, c in zip(amplitudes, conicity, strict=True)],

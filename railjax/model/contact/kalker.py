@@ -205,6 +205,6 @@ def _axis_ratio(curvatures: Float[Array, "..."]) -> Float[Array, "..."]:
     safe = jnp.where(circle, 2.0, curvatures)
 
     tolerance = float(jnp.finfo(safe.dtype).eps) ** 0.75
-    solver = optimistix.Newton(rtol=tolerance, atol=tolerance)
+    solver = optimistix.Newton(rtol=tolerance, atol=tolerance)  # type: ignore[var-annotated]
     log_k = optimistix.root_find(_too_round, solver, -(2.0 / 3.0) * jnp.log(safe), args=safe, max_steps=50).value
     return jnp.where(circle, curvatures ** (-2.0 / 3.0), jnp.exp(log_k))

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.namespace import constant, followed, repeated
-from ...base.typing import Scalar
+from ...base.typing import Values
 
 #: m below the rail's top where gauge is measured
 GAUGE_DEPTH = 14e-3
@@ -39,7 +39,7 @@ LEAST = 1e-12
 #: m; width of a contact whose soft least is its sharp one
 REFERENCE = 5e-3
 
-Places = Scalar
+Places = Values
 
 
 class Cubics(NamedTuple):

@@ -64,7 +64,7 @@ def read_track(
             )
         if not bridge and (fault := read.lacking.get("left") or read.lacking.get("right")):
             raise InputError(f"{fault}; short holes are bridged by bridge")
-        found["alignment"] = 0.5 * (both[0] + both[1])
+        found["alignment"] = 0.5 * (both[0] + both[1])  # type: ignore[operator]
         notes.append("alignment: mean of the left and the right rail's")
     if not chord:
         _refuse_versines(read, path)

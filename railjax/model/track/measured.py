@@ -95,7 +95,7 @@ class MeasuredTrack(SampledTrack):
         notes: tuple[str, ...] = (),
     ) -> None:
         kept = [None if values is None else np.asarray(values, float) for values in (distance, alignment, cross_level, gauge)]
-        record = _mended(MeasuredRecord(*kept, name, notes), bridge)
+        record = _mended(MeasuredRecord(*kept, name, notes), bridge)  # type: ignore[call-arg]
         samples, spacing = _even(record)
         if chord is not None:
             samples, lost = restored(samples, spacing, chord, longest, name)

@@ -173,7 +173,7 @@ def _assess(criterion: Criterion, signals: dict[str, Values], frame: _Frame, f0:
         starts, values = sliding_mean(values, spacing, *MEAN_OVER)
         position = starts + 0.5 * MEAN_OVER[0]
     else:
-        position = spacing * np.arange(len(values))
+        position = spacing * np.arange(len(values))  # type: ignore[assignment]
     each = by_section(values, position, frame.length, frame.sections, criterion.statistic == "rms")
     section, part = np.unravel_index(np.argmax(each), each.shape)
     start = frame.margin * frame.speed + section * frame.length

@@ -64,7 +64,7 @@ class Acceptance:
         findings = {key: Finding(*(np.asarray(a[index]) for a in vars(f).values())) for key, f in self.findings.items()}
         arrays = (self.speed, self.hunting_frequency, self.sections, self.section_length)
         own = (np.asarray(a[index]) for a in arrays)
-        return Acceptance(findings, *own, self.minimum_sections, np.asarray(self.ok[index]), self.name)
+        return Acceptance(findings, *own, self.minimum_sections, np.asarray(self.ok[index]), self.name)  # type: ignore[call-arg]
 
     def notes(self) -> list[str]:
         """What has to be known beside the numbers."""

@@ -110,7 +110,8 @@ def hunting_branch(
     tracer = _Tracer(model, shooting, hopf, largest_step)
     if isolated:
         below, above, folds, note = tracer.isolated(search, highest)
-        first, slope, criticality = (), np.nan, "isolated"
+        first: tuple = ()
+        slope, criticality = np.nan, "isolated"
     else:
         below, above, folds, note = tracer.pieces(search, highest)
         first, slope = (tracer.hopf_point(),), tracer.slope_at_hopf()

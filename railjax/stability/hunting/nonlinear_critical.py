@@ -148,7 +148,7 @@ def nonlinear_critical(
     linear = linear_critical(vehicle, damper=damper)
     given = bare(rounded(vehicle), damper), (linear.speed, linear.frequency, linear.code)
     found = _searched(given, default_wheelset(vehicle, wheelset), steps)
-    return NonlinearCritical(*found[:3], linear, found[3])
+    return NonlinearCritical(*found[:3], linear, found[3])  # type: ignore[call-arg]
 
 
 def default_wheelset(vehicle: Vehicle, wheelset: int | None) -> int:

@@ -130,7 +130,7 @@ class _Batch:
     def one_period(self) -> Float[np.ndarray, "lanes"]:
         """Integrate; the largest displacement of any wheelset in each lane, m."""
         x, states = _one_period(self.form)(self.numbers, self.x, self.slowness, self.dt, np.asarray(self.every))
-        states, self.x = np.asarray(states), np.array(x)
+        states, self.x = np.asarray(states), np.array(x)  # type: ignore[assignment]
         first = self.periods[-1][-1:] if self.periods else states[:1]
         self.periods.append(states)
         y = np.abs(np.concatenate([first, states, self.x[None]])[:, self.at])

@@ -68,7 +68,7 @@ def in_numbers(context: Context) -> Outcome:
     for case, (source, kmh, amplitude) in enumerate(CASES):
         where = f"{kmh} km/h, {1e3 * amplitude:g} mm"
         # of the three places the worst
-        mean = {name: float(one.mean[:, case].max()) for name, one in found.items()}
+        mean = {name: float(one.mean[:, case].max()) for name, one in found.items()}  # type: ignore[index]
         wz = {name: float(one.sperling["lateral"][:, case].max()) for name, one in found.items()}
         quantities += [
             Compared(f"{symbol} at {where}: {name}", f"{source}, fig. 19", None, value, "1", False, None)

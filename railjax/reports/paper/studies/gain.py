@@ -38,7 +38,7 @@ def _over_wavelengths(vehicle: Vehicle, damper: Damper, kmh: float, amplitude: f
 def wavelength_and_gain(context: Context) -> Outcome:
     """Where the semi-active suspension is better, over what the paper does not give."""
     dampers = {rf"balance logic, $\alpha$ = {alpha:g}": BalanceLogic(alpha) for alpha in ALPHAS}
-    dampers |= {name: damper for name, damper in paper_dampers().items() if not name.startswith(("passive", "balance"))}
+    dampers |= {name: damper for name, damper in paper_dampers().items() if not name.startswith(("passive", "balance"))}  # type: ignore[misc]
     pictured = (("fig. 16", 220, 5e-3), ("fig. 18", 250, 10e-3))
     ratios: dict[tuple[int, str], np.ndarray] = {}
     with figure(rows=2, height=3.0, share_x=True) as (page, axes):
