@@ -13,6 +13,7 @@ import sys
 import numpy as np
 
 import railjax
+import railjax.stability.linear_critical
 from railjax.base.units import KMH
 
 #: shares of the nonlinear critical speed; those of the highest speed where there is none

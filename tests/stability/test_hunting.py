@@ -12,7 +12,6 @@ import railjax
 from railjax import plots
 from railjax.base.units import KMH
 from railjax.cli.application import status
-from railjax.cli.verbs import stability as cli_linear
 from railjax.stability.hunting import orbits, shooting
 from railjax.stability.hunting.floquet import multipliers_of
 from railjax.stability.hunting.fold_search import FoldSearch
@@ -354,7 +353,7 @@ def test_hunting_without_a_hopf_point():
 
 
 def test_isolated_limit_cycles_on_the_command_line_and_drawn():
-    content, _ = cli_linear._nonlinear(blown_off())
+    content = railjax.nonlinear_critical(blown_off()).as_dict()
     assert content["criticality"] == "isolated"
     assert content["nonlinear_kmh"] == pytest.approx(278.392, abs=0.01)
     with plots.figure() as (_page, axes):

@@ -11,7 +11,7 @@ import scipy.optimize
 
 import railjax
 import railjax.base.batches
-import railjax.model.vehicle
+import railjax.model.parameters
 import railjax.stability.eigen_crossing
 from railjax.stability.along_speed import along_speed
 from railjax.stability.eigen_crossing import Pencil, lowest_crossing
@@ -170,7 +170,7 @@ def growths(vehicle, damper, speeds):
 )
 def test_first_crossing_of_scattered_variants_against_all_eigenvalues(name, span, lanes, damper):
     """Stable at every speed of the grid below, on the axis there, unstable just above: by NumPy's eigenvalues."""
-    vehicle = railjax.model.vehicle.without_labels(scattered(name, span, lanes))
+    vehicle = railjax.model.parameters.without_labels(scattered(name, span, lanes))
     if lanes == SCATTERED and damper == railjax.PassiveDamper():
         found = railjax.stability.linear_critical.LinearCritical(*(values[:SCATTERED] for values in coaches()[1]))
     else:
@@ -201,9 +201,9 @@ def test_first_crossing_of_scattered_variants_against_all_eigenvalues(name, span
 
 def test_the_host_s_way_is_the_compiled_one_s(coach):
     """One vehicle, of numbers known or traced: the same codes, the same numbers."""
-    many = railjax.model.vehicle.without_labels(scattered("coach", np.log(5.0), 40, seed=1))
+    many = railjax.model.parameters.without_labels(scattered("coach", np.log(5.0), 40, seed=1))
     traced = jax.jit(railjax.linear_critical)
-    broken = railjax.replace(railjax.model.vehicle.without_labels(coach), carbody__mass=1e-320)
+    broken = railjax.replace(railjax.model.parameters.without_labels(coach), carbody__mass=1e-320)
     codes = set()
     for vehicle in (
         *(jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k], many) for k in range(40)),
@@ -246,11 +246,11 @@ def test_a_narrow_window_of_instability_is_not_stepped_over(coach):
     """By NumPy's eigenvalues every 0.01 m/s; alone, in a batch and compiled alike."""
     weak = railjax.replace(coach, **NARROW)
     speeds = np.arange(5.8, 7.0, 0.01)
-    growth = growths(railjax.model.vehicle.without_labels(weak), railjax.PassiveDamper(), speeds[:, None])[:, 0]
+    growth = growths(railjax.model.parameters.without_labels(weak), railjax.PassiveDamper(), speeds[:, None])[:, 0]
     first = speeds[np.argmax(growth > 0.0)]
     assert growth[0] < 0.0
     assert growth[-1] < 0.0
-    batch = jax.tree.map(lambda x: jnp.full(3, x), railjax.model.vehicle.without_labels(weak))
+    batch = jax.tree.map(lambda x: jnp.full(3, x), railjax.model.parameters.without_labels(weak))
     batch = railjax.replace(batch, contact__conicity=jnp.array([0.13, 0.136, 0.14]))
     for found in (railjax.linear_critical(weak), jax.tree.map(lambda x: x[1], railjax.linear_critical(batch))):
         assert found.code == railjax.Stability.OK
@@ -275,7 +275,7 @@ def test_lowest_means_lowest_for_random_vehicles(name):
             factor = np.exp(0.6 * rng.normal()) * (rng.choice([1.0, 0.3, 0.1]) if "damping" in path else 1.0)
             one = railjax.set_parameter(one, path, factor * railjax.get_parameter(vehicle, path))
         variants.append(one)
-    trees = [railjax.model.vehicle.without_labels(one) for one in variants]
+    trees = [railjax.model.parameters.without_labels(one) for one in variants]
     batch = jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *trees)
     together = railjax.linear_critical(batch)
     grid = np.arange(LOWEST, HIGHEST, 0.1)

@@ -452,7 +452,7 @@ def test_functions_are_told_the_same_in_another_process():
         "print(*[described(value) for value in (test_sweep.with_global, test_sweep.with_set, railjax.ForcedRun())], sep='|')"
     )
     # strings hash differently in every process, so sets come in another order
-    environment = {**os.environ, "PYTHONHASHSEED": "1", "PYTHONPATH": str(HERE.parents[1])}
+    environment = {**os.environ, "PYTHONHASHSEED": "1", "PYTHONPATH": os.pathsep.join([str(HERE.parents[1]), str(HERE.parent)])}
     there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=HERE)
     here = "|".join(described(value) for value in (with_global, with_set, railjax.ForcedRun()))
     assert there.stdout.strip() == here, there.stderr

@@ -324,7 +324,16 @@ def commands(group=app, path="railjax"):
 UNITS = (
     "_kmh", "_m", "_mm", "_s", "_hz", "_n", "_mm_per_s", "_bar", "_a", "_ka_per_m", "_kpa", "_pa_s", "_t",
 )  # fmt: skip
-DIMENSIONLESS = {"alpha", "prudhomme_factor", "sperling_exponent", "sperling_power", "fit_share", "slow", "magnified"}
+DIMENSIONLESS = {
+    "alpha",
+    "inclination",
+    "prudhomme_factor",
+    "sperling_exponent",
+    "sperling_power",
+    "fit_share",
+    "slow",
+    "magnified",
+}
 
 
 def test_every_verb_of_the_design_is_there():
