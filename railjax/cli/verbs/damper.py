@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from ...base.errors import InputError
-from ...base.stamps import BRIDGE
 from ..common import AsJson, completing, finite, prepare, show, working
 from ..files import BridgeS
 from ..out import PICTURES, OutJson, as_picture, check_out, out_option
@@ -119,7 +118,7 @@ def damper_identify(
         float | None,
         typer.Option("--sample-rate", "--sample-rate-hz", help="Sampling rate in Hz; it has the last word over the time."),
     ] = None,
-    bridge_s: BridgeS = BRIDGE,
+    bridge_s: BridgeS = None,
     voltage_law: Annotated[
         str, typer.Option(help="saturating or linear (the paper's eqs. 15-17).", autocompletion=completing(lambda: LAWS))
     ] = "saturating",
@@ -154,10 +153,12 @@ def damper_identify(
     finite(positive=False, fit_share=fit_share, settle_s=settle_s, bridge_s=bridge_s)
     check_out(out, *PICTURES)
 
+    from ...base.stamps import BRIDGE
     from ...dampers.identification.identify import identify_damper
     from ...dampers.identification.record import read_record
 
     prepare()
+    bridge = BRIDGE if bridge_s is None else bridge_s
     columns = {"time": time, "displacement": displacement, "velocity": velocity, "command": command, "force": force}
     units = {
         "time": time_unit,
@@ -168,7 +169,7 @@ def damper_identify(
     }
     with working(f"identifying {', '.join(file.name for file in files)}"):
         found = identify_damper(
-            [read_record(file, columns=columns, units=units, sample_rate=sample_rate, bridge=bridge_s) for file in files],
+            [read_record(file, columns=columns, units=units, sample_rate=sample_rate, bridge=bridge) for file in files],
             voltage_law=voltage_law,
             inertia=inertia,
             method=method,
