@@ -14,9 +14,9 @@ from ..model.damper import Damper
 from ..model.kinematics import layout, split, wheelset_positions
 from ..model.motion import PASSIVE, wheelset_shape
 from ..model.vehicle import Vehicle
-from ..simulation.integrate import largest_step
 from ..simulation.simulate import Result, Simulation, simulate
 from ..simulation.speed import SpeedProfile
+from ..simulation.step_size import largest_step
 from ..stability.hunting.limit_cycles import LimitCycle
 from ..stability.modes import Modes
 from .top_view import seen_coordinates

@@ -21,9 +21,8 @@ from ..model.motion import Motion, held, motion, state_rate
 from ..model.track.shapes import Track
 from ..model.vehicle import Vehicle
 from .channels import CHANNELS, parse_reduction, rows_of_motion, shape_of
-from .runge_kutta import rk4, rk4_in_loop  # noqa: F401, where others look for it
+from .runge_kutta import rk4
 from .speed import Speed, SpeedProfile
-from .step_size import STABLE_RADIUS, fastest_rate, largest_step  # noqa: F401, where others look for them
 
 State = Float[Array, "states *lanes"]
 Carry = tuple[list[Array], tuple[Array, ...]]

@@ -29,9 +29,9 @@ from ..base.checks import a_function, a_table
 from ..base.errors import InputError, closest
 from ..base.progress import Clock, Report, bar, stoppable
 from ..base.source import digest_of_source
-from ..model.damper import Damper, check_damper
+from ..model.damper import Damper
 from ..model.parameters import without_labels
-from ..model.track.shapes import Track, check_track
+from ..model.track.shapes import Track
 from ..model.vehicle import Vehicle
 from ..simulation.speed import Speed, a_speed
 from .chunks import Computed, Job, compute
@@ -200,19 +200,11 @@ def _check(study: Callable[..., Any], given: dict[str, Any], design: Design) -> 
     if isinstance(study, type) or not callable(study):
         known = ", ".join(kind.__name__ for kind in READY_MADE.values())
         raise InputError(f"study must be a function or an object like {known} with its options, as in CriticalSpeed()")
-    if not isinstance(given.get("vehicle"), Vehicle | None):
-        raise InputError('vehicle must be a Vehicle: railjax.load_vehicle("coach") makes one')
     arguments = arguments_of(study)
     name_of_study = getattr(study, "__name__", type(study).__name__)
     for name in given:
         if name not in arguments:
             raise InputError(f"{name}= is given, but the study {name_of_study} takes no {name}")
-    if "speed" in given:
-        a_speed("speed", given["speed"])
-    if "track" in given:
-        check_track(given["track"])
-    if "damper" in given:
-        check_damper(given["damper"])
     for name, column in zip(design.names, design.columns, strict=True):
         whose = owner(name)
         if whose is None and name not in arguments:

@@ -23,8 +23,9 @@ from ..ride.frequency import POINTS, frequency_response, waves_of
 from ..ride.statistical import CONVERGED, statistical_linearisation
 from ..ride.vibration import weighted_rms
 from ..simulation.channels import CHANNELS
-from ..simulation.integrate import DIVERGED, largest_step
+from ..simulation.integrate import DIVERGED
 from ..simulation.simulate import Simulation, simulate
+from ..simulation.step_size import largest_step
 from .quantity import Quantity, kmh, sharp_laws, smoothed_laws
 
 #: the sharp check of a spectrum: one whole period (m) of a realisation, after some seconds; samples each second of what is weighted

@@ -17,7 +17,7 @@ from ..model.kinematics import layout
 from ..model.motion import matrices, state_matrix
 from ..model.parameters import parameters
 from ..model.vehicle import Vehicle
-from ..simulation.integrate import largest_step
+from ..simulation.step_size import largest_step
 from ..stability.linear_critical import linear_critical_speed
 from .ranges import RANGES, Remark
 

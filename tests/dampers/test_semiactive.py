@@ -13,7 +13,7 @@ from laws import ALL, CONTROLLED, K
 import railjax
 from railjax.dampers.sampling import sampled
 from railjax.model.damper import HARD, SOFT
-from railjax.simulation.integrate import fastest_rate
+from railjax.simulation.step_size import fastest_rate
 
 H, L = 1.24, 8.6  # h_cc, l
 

@@ -15,8 +15,8 @@ import scipy.linalg
 import railjax
 from railjax.model import suspension as elements
 from railjax.model.motion import PASSIVE, motion, state_rate, state_size
-from railjax.simulation.integrate import fastest_rate, largest_step
 from railjax.simulation.simulate import initial_state
+from railjax.simulation.step_size import fastest_rate, largest_step
 
 LAWS = ["sharp", "smooth", "linear"]
 C, C_B, V_0, K, ARM = 3e5, 2e4, 0.01, 1e7, 1.35

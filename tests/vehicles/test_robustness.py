@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 import railjax
 from railjax.cli.application import status
 from railjax.model.damper import PassiveDamper
-from railjax.simulation.integrate import largest_step
+from railjax.simulation.step_size import largest_step
 from railjax.sweeps.files import EXAMPLE, read_study
 from railjax.sweeps.points import make_design
 
