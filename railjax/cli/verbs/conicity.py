@@ -104,7 +104,9 @@ def conicity(
     trend = "stays" if abs(nonlinearity) < 1e-6 else "falls" if nonlinearity < 0.0 else "rises"
     lines = [
         str(found),
-        f"nonlinearity parameter {nonlinearity:+.4f} 1/mm: the conicity {trend} from 2 to 4 mm",
+        f"nonlinearity parameter {nonlinearity:+.4f} 1/mm: the conicity {trend} from 2 to 4 mm"
+        if np.isfinite(nonlinearity)
+        else "no nonlinearity parameter: the wheelset has no free wave of 2 and of 4 mm",
         *content["notes"],
     ]
     rows = [{"amplitude_mm": a, "tan_gamma_e": v} for a, v in zip(content["amplitude_mm"], content["tan_gamma_e"], strict=True)]
