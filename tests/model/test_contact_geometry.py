@@ -213,13 +213,16 @@ def test_refusals():
     calls = {
         "14 mm below": lambda: contact_geometry("S1002", RailProfile.from_points(across[shallow], down[shallow])),
         "do not fit|does not fit": lambda: contact_geometry("S1002", "60E1", gauge=1.41),
+        "1421.7 mm apart and gauge is 1300.0 mm": lambda: contact_geometry("S1002", "60E1", gauge=1.3),
         "too short for the gauge": lambda: contact_geometry("S1002", "60E1", gauge=1.668),
         "gauge .*millimetres": lambda: contact_geometry("S1002", "60E1", gauge=1435.0),
         "inclination": lambda: contact_geometry("S1002", "60E1", inclination=40.0),
         "wheel must be a wheel profile": lambda: contact_geometry(RailProfile.load("60E1"), "60E1"),
         "or two, .right, left.": lambda: contact_geometry("S1002", "60E1", radius=(0.46, 0.46, 0.46)),
         "y must be .*rising|rising": lambda: contact_geometry("S1002", "60E1", y=np.array([1e-3, 0.0, 2e-3])),
-        "cannot be read": lambda: contact_geometry("S1003", "60E1"),
+        "packaged are S1002": lambda: contact_geometry("S1003", "60E1"),
+        "packaged are 60E1, 60E2": lambda: contact_geometry("S1002", "60E3"),
+        "cannot be read": lambda: contact_geometry("nowhere.prw", "60E1"),
     }
     for message, call in calls.items():
         with pytest.raises(railjax.InputError, match=message) as error:

@@ -11,7 +11,9 @@ from ..out import PICTURES, TABLE, as_table, check_out, out_option
 
 
 def _wheels() -> list[str]:
-    return ["S1002"]
+    from ...model.contact.profiles import WHEELS
+
+    return list(WHEELS)
 
 
 def _rails() -> list[str]:

@@ -17,7 +17,7 @@ from ...base.namespace import known
 from ...base.precision import require_double_precision
 from ...base.typing import Number, Scalar, Values
 from .kalker import STEEL_POISSON, STEEL_YOUNG, ContactEllipse, CreepCoefficients, contact_ellipse, creep_coefficients
-from .points import STEP, Contacts, Cubics, Pose, Side, Touching, contacts, laid, touching
+from .points import GAUGE_DEPTH, STEP, Contacts, Cubics, Pose, Side, Touching, contacts, laid, touching
 from .profiles import RailProfile, WheelProfile
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ def contact_geometry(
         require_double_precision("the derivative of a contact geometry, or one inside jit,")
         return _compiled(given, at, steps)
     found = _geometry(np, known(given), at, steps)
-    _refuse(found)
+    _refuse(found, float(gauge))
     return found
 
 
@@ -337,8 +337,16 @@ def _two_numbers(key: str, value: Any) -> tuple[Any, Any]:
     return value[0], value[1]
 
 
-def _refuse(found: ContactGeometry) -> None:
+def _refuse(found: ContactGeometry, gauge: float) -> None:
     """What is known to be no geometry of a wheelset on its rails."""
+    flanges = [
+        float(base) - wheel.flange_face(GAUGE_DEPTH) for base, wheel in zip(found.sides.base, found.profiles[0], strict=True)
+    ]
+    if not sum(flanges) < gauge:
+        raise InputError(
+            f"the wheelset does not fit between the rails: {1e3 * GAUGE_DEPTH:g} mm below the tread its flanges are {1e3 * sum(flanges):.1f} mm "
+            f"apart and gauge is {1e3 * gauge:.1f} mm; enlarge gauge or take a smaller flange_back"
+        )
     for side, (wheel, named) in enumerate(zip(found.profiles[0], ("right", "left"), strict=True)):
         place = np.asarray(found.wheel_position[:, side])
         for end in (wheel.lateral[0], wheel.lateral[-1]):

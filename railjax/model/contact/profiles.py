@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -23,6 +23,8 @@ from .profile_points import STEEPEST, Outline, Source, outline
 
 #: m; step of the tables, and of the places along a wheel at which contact is looked for
 STEP, SEARCHED = 0.1e-3, 0.15e-3
+#: packaged wheels
+WHEELS = ("S1002",)
 #: m; what is shorter in a file of points is noise
 SMOOTHING = 2e-3
 
@@ -111,9 +113,9 @@ class WheelProfile(_Profile):
 
         Raises `InputError` with the line of a fault: no number, a hole, points that cross, a kink that is not smoothed.
         """
-        if str(name_or_path).upper() == "S1002":
+        if str(name_or_path).upper() in WHEELS:
             return _s1002()
-        read = read_profile(Path(name_or_path), True, columns, unit)
+        read = read_profile(_file(name_or_path, WHEELS), True, columns, unit)
         return cls._of_points(read, _width(read, smoothing), mirrored)
 
     @classmethod
@@ -180,6 +182,14 @@ class WheelProfile(_Profile):
         even = np.linspace(0.0, along[-1], int(along[-1] / SEARCHED) + 1)
         return dataclasses.replace(made, searched=np.interp(even, along, made.lateral))
 
+    def flange_face(self, depth: float) -> float:
+        """How far from the tread datum the flange's face is, m towards the back, `depth` (m) below the tread; inf without a flange."""
+        deep = np.flatnonzero((np.asarray(self.lateral) < 0.0) & (np.asarray(self.height) >= depth))
+        if not deep.size:
+            return np.inf
+        last = deep[-1]
+        return -float(np.interp(depth, self.height[last : last + 2][::-1], self.lateral[last : last + 2][::-1]))
+
     @staticmethod
     def _running(found: Outline, name: str) -> tuple[int, int]:
         """From the tip of the flange, or where it becomes a wall, to the end of the tread, or where its chamfer does."""
@@ -227,7 +237,7 @@ class RailProfile(_Profile):
         """
         if str(name_or_path).upper() in profile_shapes.RAIL_HEADS:
             return _rail_head(str(name_or_path).upper())
-        read = read_profile(Path(name_or_path), False, columns, unit)
+        read = read_profile(_file(name_or_path, profile_shapes.RAIL_HEADS), False, columns, unit)
         return cls._of_points(read, _width(read, smoothing), mirrored)
 
     @classmethod
@@ -264,6 +274,14 @@ class RailProfile(_Profile):
         walls = np.flatnonzero((np.abs(found.slope) > STEEPEST) | (np.gradient(found.lateral) <= 0.0))
         before, after = walls[walls < top], walls[walls > top]
         return int(before[-1]) + 1 if before.size else 0, int(after[0]) - 1 if after.size else len(found.lateral) - 1
+
+
+def _file(name_or_path: str | Path, packaged: Collection[str]) -> Path:
+    """The file of a profile; a name that is neither packaged nor a file is refused with those that are."""
+    path = Path(name_or_path)
+    if not path.suffix and path.name == str(name_or_path) and not path.exists():
+        raise InputError(f"no profile {str(name_or_path)!r}: packaged are {', '.join(packaged)}; otherwise give a file of points")
+    return path
 
 
 def _given(lateral: ArrayLike | Sequence, height: ArrayLike | Sequence, name: str) -> Read:
