@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from .model.track.sampled import spectrum_of
     from .model.track.shapes import BumpTrack, SinusoidTrack, TangentTrack, alignment
     from .model.track.spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
-    from .model.vehicle import BumpStop, LateralDamper, Vehicle, YawDamper
+    from .model.vehicle import BumpStop, CrossBracing, LateralDamper, Vehicle, YawDamper
     from .plots.animation import Film, animate
     from .plots.frames import animation_channels
     from .reports.vehicle.vehicle_report import VehicleReport, vehicle_report
@@ -95,6 +95,7 @@ __all__ = [
     "ContactGeometry",
     "ContactTable",
     "CriticalSpeed",
+    "CrossBracing",
     "Damper",
     "ErriSpectrum",
     "Film",
@@ -260,7 +261,7 @@ _NAMES = {
     "tuning.tune": "tune",
     "tuning.result": "Tuning",
     "model.parameters": "get_parameter parameters replace set_parameter",
-    "model.vehicle": "BumpStop LateralDamper Vehicle YawDamper",
+    "model.vehicle": "BumpStop CrossBracing LateralDamper Vehicle YawDamper",
     "vehicles.check": "VehicleCheck check_vehicle",
     "vehicles.files": "load_vehicle packaged_vehicles",
     "reports.vehicle.vehicle_report": "VehicleReport vehicle_report",

@@ -58,8 +58,12 @@ def consistent(parts: dict[str, Any], where: str) -> None:
     creeps = contact.creep_longitudinal, contact.creep_lateral
     if contact.law != "linear" and _any(creeps[0] == 0.0) and _any(np.maximum(*creeps) == 0.0):
         raise InputError(f"{where}: contact.creep_longitudinal and creep_lateral are both zero; use law = 'linear' for that")
+    if parts["cross_bracing"] is not None and len(geometry.axle_pattern) != 2:
+        raise InputError(
+            f"{where}: [cross_bracing] ties the two wheelsets of a bogie, but geometry.axle_pattern has {len(geometry.axle_pattern)}; leave it out"
+        )
     for part in OPTIONAL:
-        if parts[part] is not None and bogie.held:
+        if part != "cross_bracing" and parts[part] is not None and bogie.held:
             raise InputError(f"{where}: [{part}] acts between car body and bogie, but the bogie is held; leave it out")
     if parts["yaw_damper"] is not None:
         _blow_off(parts["yaw_damper"], "yaw_damper", parts["yaw_damper"].damping, where)

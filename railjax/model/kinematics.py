@@ -142,6 +142,7 @@ def deflections(vehicle: Vehicle, q: Groups) -> Groups:
     Where the vehicle has them (n): vertical damper  d_v (phi_c - phi_b),  yaw damper  d_y (psi_c - psi_b),  lateral damper as
     the secondary lateral one with heights h_cd and h_bd.
     Primary (n, m): lateral  y_b + x_k psi_b + h_ob phi_b - y,  longitudinal  d_o (psi_b - psi);  vertical (n)  d_o phi_b.
+    Cross bracing (n): shear  y_1 - y_2 - a (psi_1 + psi_2),  bending  psi_1 - psi_2.
     Contact (n, m): y and psi of the wheelset on the track.
     """
     geometry = vehicle.geometry
@@ -174,6 +175,10 @@ def deflections(vehicle: Vehicle, q: Groups) -> Groups:
     lateral_bogie = bogie_y + geometry.bogie_to_primary * bogie_phi
     deflection["primary_y"] = lateral_bogie[:, None] + axle_positions(vehicle, y) * bogie_psi[:, None] - y
     deflection["primary_x"] = geometry.half_primary * (bogie_psi[:, None] - psi)
+    if vehicle.cross_bracing is not None:
+        first, last = axle_positions(vehicle, y)
+        deflection["bracing_shear"] = y[:, 0] - y[:, 1] - 0.5 * (first - last) * (psi[:, 0] + psi[:, 1])
+        deflection["bracing_bending"] = psi[:, 0] - psi[:, 1]
     return deflection
 
 

@@ -63,7 +63,7 @@ def inertias(vehicle: Vehicle) -> dict[str, Scalar]:
 
 
 def suspension_forces(vehicle: Vehicle, deflection: Groups, rate: Groups) -> Groups:
-    """Springs, bump stops and viscous dampers, N, positive along the deflection; not the secondary lateral and yaw dampers.
+    """Springs, bump stops, cross bracing and viscous dampers, N (its bending: N m), positive along the deflection; not the secondary lateral and yaw dampers.
 
     Two elements a side pair everywhere; the bogie's roll works on the springs of all its m axles (4 for two axles).
     """
@@ -80,6 +80,9 @@ def suspension_forces(vehicle: Vehicle, deflection: Groups, rate: Groups) -> Gro
         "primary_y": (2.0 * primary.stiffness_y, 2.0 * primary.damping_y),
         "primary_z": (springs * primary.stiffness_z, springs * primary.damping_z),
     } | apart
+    if vehicle.cross_bracing is not None:
+        constants["bracing_shear"] = (vehicle.cross_bracing.shear_stiffness, 0.0)
+        constants["bracing_bending"] = (vehicle.cross_bracing.bending_stiffness, 0.0)
     forces = {
         name: stiffness * deflection[name] + damping * rate[name]
         for name, (stiffness, damping) in constants.items()

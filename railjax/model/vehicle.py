@@ -133,6 +133,20 @@ class BumpStop:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class CrossBracing:
+    """Passive radial steering: the two wheelsets of a bogie tied to each other instead of to the frame (Scheffel; Wickens).
+
+    The shear stiffness, that of the diagonal braces, holds them in line, y_1 - y_2 - a (psi_1 + psi_2); the bending stiffness
+    holds them parallel, psi_1 - psi_2, and is what a curve works against. Shear steadies a bogie whose primary springs are soft
+    enough to let its wheelsets take the curve's radius. Typical: 1 to 20 MN/m in shear, little in bending.
+    """
+
+    shear_stiffness: Number = parameter("N/m", "k_s", "cross bracing's shear stiffness")
+    bending_stiffness: Number = parameter("N m/rad", "k_b", "cross bracing's bending stiffness", 0.0)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class Geometry:
     """Half distances, heights and the layout: pattern (1, -1) is two bogies (axles) at +l and -l (+a and -a),
     (1, 0, -1) three axles in a bogie, (0,) a single one. Leading ones first. The secondary vertical dampers stand with the
@@ -190,7 +204,7 @@ class Provenance:
 class Vehicle:
     """One car body on n bogies of m axles each.
 
-    Yaw dampers, bump stops and what is special about the lateral dampers are None where there are none. `gyroscopic` adds the
+    Yaw dampers, bump stops, cross bracing and what is special about the lateral dampers are None where there are none. `gyroscopic` adds the
     spin-yaw coupling of the wheelsets, `gravitational` the contact's gravitational stiffness; both are off for the paper's
     coach, which does not state them.
     """
@@ -205,6 +219,7 @@ class Vehicle:
     yaw_damper: YawDamper | None = None
     lateral_damper: LateralDamper | None = None
     bump_stop: BumpStop | None = None
+    cross_bracing: CrossBracing | None = None
     gyroscopic: bool = structure(False, "spin-yaw coupling of the wheelsets")
     gravitational: bool = structure(False, "the contact's gravitational stiffness")
     name: str = structure("")
@@ -233,6 +248,8 @@ class Vehicle:
             found.append("lateral dampers" + special)
         if self.bump_stop is not None:
             found.append("bump stops")
+        if self.cross_bracing is not None:
+            found.append("cross bracing")
         return found
 
 

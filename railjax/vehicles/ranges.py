@@ -35,6 +35,7 @@ RANGES: dict[str, tuple[float, float, str]] = {
     "yaw_damper.blow_off_velocity": (1e-3, 0.2, "about 0.01 m/s"),
     "yaw_damper.series_stiffness": (0.5e6, 100e6, "rubber ends and brackets have 5 to 10 MN/m"),
     "lateral_damper.blow_off_velocity": (5e-3, 1.0, "about 0.1 m/s"),
+    "cross_bracing.shear_stiffness": (0.1e6, 200e6, "braces have 1 to 20 MN/m"),
     "geometry.half_wheelbase": (0.5, 3.5, "from a tram's bogie to a six-axle locomotive's"),
     "geometry.half_pivot_distance": (1.5, 14.0, "from a short wagon to a long coach"),
     "geometry.half_gauge": (0.3, 0.9, "from narrow to Indian gauge, and half a rail head; 0.72 to 0.75 m on 1435 mm"),

@@ -34,6 +34,7 @@ def full(coach, law="sharp"):
         yaw_damper=YAW,
         lateral_damper=lateral,
         bump_stop=STOP,
+        cross_bracing=railjax.CrossBracing(5e6, 1e5),
         geometry__half_vertical_damper=1.323,
         contact__law=law,
     )
@@ -190,7 +191,7 @@ def test_a_stiff_maxwell_element_is_the_rigid_one(coach):
 
 
 def by_hand(vehicle, x):
-    """Generalised forces of the added elements on car body and bogies, and x' of the dashpots, in NumPy."""
+    """Generalised forces of the added elements, and x' of the dashpots, in NumPy."""
     q, w, s = x[:17], x[17:34], x[34:]
     expected, rates = np.zeros(17), np.zeros(2)
     for j, side in enumerate((1.0, -1.0)):
@@ -215,6 +216,11 @@ def by_hand(vehicle, x):
         # in place of the coach's own lateral damper at the springs and vertical damper at 1 m
         expected -= yaw * 2 * spring + lateral * 2 * force + springs * (stop - 2 * 25e3 * (springs @ w))
         expected -= roll * 2 * 18e3 * (1.323**2 - 1.0) * (roll @ w)
+        wheelset_y, wheelset_psi, half = 9 + 2 * j, 13 + 2 * j, vehicle.geometry.half_wheelbase
+        shear, bending = np.zeros(17), np.zeros(17)
+        shear[[wheelset_y, wheelset_y + 1, wheelset_psi, wheelset_psi + 1]] = 1.0, -1.0, -half, -half
+        bending[[wheelset_psi, wheelset_psi + 1]] = 1.0, -1.0
+        expected -= shear * 5e6 * (shear @ q) + bending * 1e5 * (bending @ q)
     return expected, rates
 
 
@@ -439,10 +445,32 @@ def test_rk4_keeps_its_order_with_the_maxwell_element(coach):
 
 
 def test_a_vehicle_says_what_it_has(coach):
-    assert "yaw dampers (blow-off and series stiffness), lateral dampers with blow-off, bump stops" in str(full(coach))
+    assert "yaw dampers (blow-off and series stiffness), lateral dampers with blow-off, bump stops, cross bracing" in str(
+        full(coach)
+    )
     assert "with" not in str(coach).splitlines()[1]
     bare = railjax.replace(coach, yaw_damper=RIGID, lateral_damper=railjax.LateralDamper(bogie_to_damper=0.1))
     assert "yaw dampers (blow-off), lateral dampers at heights of their own" in str(bare)
+
+
+def test_cross_bracing_ties_the_wheelsets_of_a_bogie(coach):
+    """Its stiffness is k_s b b' + k_b c c' with the shear b and the bending c of two wheelsets; and it steadies a soft bogie."""
+    shear, bending, a = 5e6, 2e5, coach.geometry.half_wheelbase
+    braced = railjax.replace(coach, cross_bracing=railjax.CrossBracing(shear, bending))
+    added = np.asarray(railjax.matrices(braced, 50.0).stiffness - railjax.matrices(coach, 50.0).stiffness)
+    expected = np.zeros((17, 17))
+    for first in (9, 11):
+        b, c = np.zeros(17), np.zeros(17)
+        b[[first, first + 1, first + 4, first + 5]] = 1.0, -1.0, -a, -a
+        c[[first + 4, first + 5]] = 1.0, -1.0
+        expected += shear * np.outer(b, b) + bending * np.outer(c, c)
+    np.testing.assert_allclose(added, expected, atol=1e-3)  # of differences of 1e9
+    soft = railjax.replace(coach, primary__stiffness_x=0.15 * coach.primary.stiffness_x)
+    both = [railjax.linear_critical(one).speed for one in (soft, railjax.replace(soft, cross_bracing=braced.cross_bracing))]
+    assert both[1] > 1.2 * both[0]
+    single = railjax.replace(coach, cross_bracing=braced.cross_bracing, geometry__axle_pattern=(0.0,))
+    with pytest.raises(railjax.InputError, match=r"\[cross_bracing\] ties the two wheelsets .* has 1"):
+        railjax.linear_critical(single)
 
 
 def test_parameters_of_a_vehicle_are_its_leaves(coach):
