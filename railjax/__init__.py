@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from .stability.hunting.ramp import Ramp, speed_ramp
     from .stability.linear_critical import Stability, linear_critical, linear_critical_speed
     from .stability.modes import Modes, RootLocus, modes, root_locus
+    from .sweeps.conicity_map import EquivalentConicity
     from .sweeps.ready_made import CriticalSpeed, ForcedRun, LeastDamping, NonlinearCriticalSpeed, RideComfort, each_point
     from .sweeps.sweep import sweep
     from .tuning import objectives as objectives
@@ -97,6 +98,7 @@ __all__ = [
     "CriticalSpeed",
     "CrossBracing",
     "Damper",
+    "EquivalentConicity",
     "ErriSpectrum",
     "Film",
     "ForcedRun",
@@ -256,6 +258,7 @@ _NAMES = {
     "simulation.speed": "SpeedProfile",
     "ride.statistical": "StatisticalResponse statistical_linearisation",
     "sweeps.sweep": "sweep",
+    "sweeps.conicity_map": "EquivalentConicity",
     "sweeps.ready_made": "CriticalSpeed ForcedRun LeastDamping NonlinearCriticalSpeed RideComfort each_point",
     "model.track.shapes": "BumpTrack SinusoidTrack TangentTrack alignment",
     "tuning.tune": "tune",

@@ -15,7 +15,7 @@ import numpy as np
 from ..base.checks import shown
 from ..base.errors import InputError, nearest
 from ..base.fields import given_fields, given_number, keys_by_unit
-from ..base.units import KMH
+from ..base.units import KMH, keys_of
 from ..dampers.named import DAMPERS, make_damper
 from ..model.kinematics import UNITS as COORDINATES
 from ..model.track.named import TRACKS, make_track
@@ -31,7 +31,7 @@ RANGE = ("from", "to", "points", "scale")
 EXAMPLE = """\
 # railjax sweep study.toml --out results.zarr
 
-study = "forced-run"                  # or critical-speed, nonlinear-critical-speed, least-damping, ride-comfort
+study = "forced-run"                  # or critical-speed, nonlinear-critical-speed, least-damping, ride-comfort; equivalent-conicity
 vehicle = "coach"                     # a packaged vehicle, or a vehicle file beside this one
 design = "grid"                       # or points, latin-hypercube, sobol
 # samples = 1024                      # of a latin-hypercube or sobol design, whose parameters have from and to only
@@ -84,23 +84,27 @@ def _read(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
     kind = _one_of(raw, "study", tuple(READY_MADE))
     takes = arguments_of(READY_MADE[kind].__call__)
     found: dict[str, Any] = {"study": _study(kind, _table(raw, "options"))}
-    if not isinstance(raw.get("vehicle"), str):
-        raise InputError('missing key vehicle, like vehicle = "coach"')
-    beside = os.path.join(folder, raw["vehicle"])
-    vehicle = load_vehicle(beside if os.path.isfile(beside) else raw["vehicle"])  # not Path.is_file, which raises for some names
-    found["vehicle"] = vehicle
     given = [key for key in SPEEDS if key in raw]
+    for name, there in (("speed", given), *((name, name in raw) for name in ("vehicle", "track", "damper"))):
+        if there and name not in takes:
+            raise InputError(f"the study {kind!r} takes no {name}")
+    vehicle = None
+    if "vehicle" in takes:
+        if not isinstance(raw.get("vehicle"), str):
+            raise InputError('missing key vehicle, like vehicle = "coach"')
+        beside = os.path.join(folder, raw["vehicle"])
+        vehicle = load_vehicle(
+            beside if os.path.isfile(beside) else raw["vehicle"]
+        )  # not Path.is_file, which raises for some names
+        found["vehicle"] = vehicle
     if len(given) > 1:
         raise InputError(f"speed is given twice: {' and '.join(given)}; keep one")
     if given:
         found["speed"] = given_number(raw[given[0]], given[0]) * SPEEDS[given[0]]
     if "track" in raw:
         found["track"] = _track(_table(raw, "track"))
-    if "damper" in raw:
+    if "damper" in raw and vehicle is not None:
         found["damper"] = _damper(_table(raw, "damper"), vehicle, found.get("speed"))
-    for name in ("speed", "track", "damper"):
-        if name in found and name not in takes:
-            raise InputError(f"the study {kind!r} takes no {name}")
     found["design"] = _one_of(raw, "design", DESIGNS) if "design" in raw else "grid"
     for key in ("samples", "seed", "chunk"):
         if key in raw:
@@ -195,6 +199,9 @@ def _parameter(key: str, found: dict[str, Any]) -> tuple[str, float]:
     """Name of a parameter, and factor to SI, from a key with its unit."""
     if key in SPEEDS:
         return "speed", SPEEDS[key]
+    own = _own_keys(found["study"])
+    if key in own:
+        return own[key]
     *path, last = key.split(".")
     part: Any = PARTS.get(path[0]) if path else None
     if path and path[0] in ("track", "damper"):
@@ -204,13 +211,19 @@ def _parameter(key: str, found: dict[str, Any]) -> tuple[str, float]:
     for step in path[1:]:
         part = getattr(part, step, None)
     if not dataclasses.is_dataclass(part):
-        examples = [*SPEEDS, *(f"{name}.{k}" for name, kind in PARTS.items() for k in keys_by_unit(kind))]
+        examples = [*own, *SPEEDS, *(f"{name}.{k}" for name, kind in PARTS.items() for k in keys_by_unit(kind))]
         raise InputError(f"unknown parameter over.{key}{nearest(key, examples)}")
     accepted = keys_by_unit(part)
     if last not in accepted:
         raise InputError(f"unknown parameter over.{key}{nearest(last, accepted, '.'.join(path))}")
     field, factor = accepted[last]
     return ".".join([*path, field.name]), factor
+
+
+def _own_keys(study: Any) -> dict[str, tuple[str, float]]:
+    """Keys of a study's own arguments, with their units: gauge_mm -> ("gauge", 1e-3)."""
+    units = {name: study.units[name] for name in arguments_of(study) if name in getattr(study, "units", {})}
+    return {key: (name, factor) for name, unit in units.items() for key, factor in keys_of(name, unit).items()}
 
 
 def _values(value: Any, factor: float, design: str, name: str) -> Any:

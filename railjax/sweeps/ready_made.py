@@ -30,6 +30,7 @@ from ..simulation.speed import Speed
 from ..stability.hunting.nonlinear_critical import Hunting, nonlinear_critical
 from ..stability.linear_critical import LinearCritical, Stability, linear_critical
 from ..stability.modes import LeastDamped, least_damped
+from .conicity_map import EquivalentConicity
 
 TANGENT = TangentTrack()
 
@@ -161,6 +162,7 @@ READY_MADE: dict[str, type] = {
     "nonlinear-critical-speed": NonlinearCriticalSpeed,
     "least-damping": LeastDamping,
     "ride-comfort": RideComfort,
+    "equivalent-conicity": EquivalentConicity,
 }
 
 

@@ -363,6 +363,30 @@ def test_a_study_file_may_ride_on_a_random_track(tmp_path):
             read_study(path)
 
 
+MAP = """study = "equivalent-conicity"
+[options]
+wheel = "S1002"
+[over]
+gauge_mm = [1420, 1430, 1435]
+inclination = [0.025, 0.05]
+"""
+
+
+def test_a_conicity_map(command, tmp_path):
+    """Without a vehicle; the numbers are those of the pair by themselves, and a pair that does not fit is told by its code."""
+    code, out, _ = command(MAP, "--json")
+    assert code == 0
+    assert json.loads(out)["codes"] == {"ok": 4, "does_not_fit": 2}
+    data = xarray.open_zarr(tmp_path / "s.zarr")
+    assert data.equivalent_conicity.dims == ("gauge", "inclination")
+    assert data.gauge.attrs["units"] == "m"
+    found = data.equivalent_conicity.values
+    assert np.isnan(found[0]).all()
+    assert found[2, 0] == pytest.approx(0.177, abs=0.004)
+    alone = railjax.contact_geometry("S1002", "60E1", gauge=1.43)
+    assert found[1, 0] == pytest.approx(float(railjax.equivalent_conicity(alone.y, alone.delta_r, 3e-3)), rel=1e-6)
+
+
 OTHER = SMALL.replace('"least-damping"', '"forced-run"')
 
 
@@ -398,6 +422,11 @@ OTHER = SMALL.replace('"least-damping"', '"forced-run"')
         (SMALL.split("[over]")[0] + "over = 3", "over must be a table"),
         (SMALL + "[options]\nsteps = 3", "has no options"),
         (SMALL + '[track]\nkind = "tangent"', "takes no track"),
+        (MAP + '[damper]\nkind = "skyhook"', "takes no damper"),
+        ('vehicle = "coach"\n' + MAP, "takes no vehicle"),
+        (MAP.replace("gauge_mm", "gauge_cm"), "unknown parameter over.gauge_cm; did you mean gauge_m?"),
+        (MAP.replace("gauge_mm", "gauge_m"), "gauge must be a number between 0.5 and 2 (m), not 1420; is it in millimetres?"),
+        (MAP.replace("S1002", "S1003"), "no profile 'S1003': packaged are S1002"),
         (OTHER + "[options]\nduration = 3", "did you mean options.duration_s?"),
         (OTHER + "[options]\nduration_s = 1\nduration_ms = 1000", "duration is given twice"),
         (OTHER + "[options]\nduration_s = 0", "duration must be positive"),
@@ -442,7 +471,7 @@ def test_a_study_file_is_read_or_refused_whatever_is_in_it(tmp_path_factory, lin
     except railjax.InputError as error:
         assert len(str(error).splitlines()) == 1  # noqa: PT017
         return
-    assert {"study", "vehicle", "over", "design"} <= set(found)
+    assert {"study", "over", "design"} <= set(found)
 
 
 @pytest.mark.parametrize("part", ["0/2", "3/2", "x", "1", "1/0"])

@@ -45,17 +45,18 @@ def sweep(
     codes, ends = summary(data)
     seconds = time.monotonic() - start
     varied = tuple(f"{name}:" for name in arguments["over"])
-    fitted = [entry for entry in calibrated(arguments["vehicle"]) if not entry.startswith(varied)]
+    vehicle = arguments.get("vehicle")  # a study of profiles has none
+    fitted = [entry for entry in calibrated(vehicle) if not entry.startswith(varied)] if vehicle else []
     content = {
         "study": data.attrs["study"],
-        "vehicle": arguments["vehicle"].name,
+        "vehicle": vehicle.name if vehicle else "",
         "points": math.prod(data["code"].shape),
         "codes": codes,
         "results": {name: {"unit": data[name].attrs["units"], "min": low, "max": high} for name, (low, high) in ends.items()},
         "out": str(out),
         "seconds": seconds,
         "calibrated": fitted,
-        "note": arguments["vehicle"].note,
+        "note": vehicle.note if vehicle else "",
     }
     counted = ", ".join(f"{count} {word.replace('_', ' ')}" for word, count in codes.items())
     lines = [f"{content['points']} points: {counted}"]

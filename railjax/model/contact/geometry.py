@@ -185,14 +185,20 @@ def _one_or_two(kind: type) -> Any:
     return rule
 
 
+#: what the numbers of a pair may be
+NUMBERS = {
+    "gauge": Range("m", 0.5, 2.0, axes=1, why="; is it in millimetres?"),
+    "flange_back": Range("m", 0.4, 2.0, axes=1, why="; is it in millimetres?"),
+    "tread_datum": Range("m", 0.0, 0.2, axes=1, why="; is it in millimetres?"),
+    "radius": Range("m", 0.05, 1.5, axes=1, why="; is it in millimetres?"),
+    "inclination": Range("rad", -0.2, 0.2, axes=1, why="; 1:40 is 1/40"),
+}
+
+
 @guarded(
     wheel=_one_or_two(WheelProfile),
     rail=_one_or_two(RailProfile),
-    gauge=Range("m", 0.5, 2.0, axes=1, why="; is it in millimetres?"),
-    flange_back=Range("m", 0.4, 2.0, axes=1, why="; is it in millimetres?"),
-    tread_datum=Range("m", 0.0, 0.2, axes=1, why="; is it in millimetres?"),
-    radius=Range("m", 0.05, 1.5, axes=1, why="; is it in millimetres?"),
-    inclination=Range("rad", -0.2, 0.2, axes=1, why="; 1:40 is 1/40"),
+    **NUMBERS,
     y=Rising(Range("m", -0.06, 0.06, why="; is it in millimetres?"), 3),
     load=positive("N"),
     approach=Range("m", 1e-6, 1e-3, why="; is it in millimetres?"),

@@ -182,6 +182,7 @@ class WheelProfile(_Profile):
         even = np.linspace(0.0, along[-1], int(along[-1] / SEARCHED) + 1)
         return dataclasses.replace(made, searched=np.interp(even, along, made.lateral))
 
+    @guarded(depth=Range("m", 0.0, 0.05, why="; is it in millimetres?"))
     def flange_face(self, depth: float) -> float:
         """How far from the tread datum the flange's face is, m towards the back, `depth` (m) below the tread; inf without a flange."""
         deep = np.flatnonzero((np.asarray(self.lateral) < 0.0) & (np.asarray(self.height) >= depth))
