@@ -18,6 +18,7 @@ from ..base.compilation import fence, one_kernel
 from ..base.packing import Packed
 from ..base.typing import Scalar
 from .contact.creep import ContactForce, Creepage, contact_force, creepages
+from .contact.profile_contact import OfWheels, profile_contact
 from .damper import Damper, PassiveDamper, Seen, answers, law_of
 from .kinematics import Groups, damper_point, deflections, join, size, split, transposed
 from .parameters import without_labels
@@ -45,6 +46,7 @@ class Motion(NamedTuple):
     slowness: Scalar  # 1/v, s/m
     velocity: Float[Array, "n *lanes"]  # q' as it lies in the state
     vehicle: Vehicle  # for what is read off it elsewhere, as on the floor
+    wheels: OfWheels | None = None  # of vehicles with profiles
 
 
 def inertias(vehicle: Vehicle) -> dict[str, Scalar]:
@@ -123,10 +125,16 @@ def motion(
             )
     with jax.named_scope("contact"):
         y_rel, psi = deflection["contact_y"] - alignment, deflection["contact_psi"]
-        creepage = creepages(vehicle, slowness, y_rel, psi, rate["contact_y"], rate["contact_psi"])
-        contact = contact_force(vehicle, creepage, y_rel, psi)
+        wheels = None
+        if vehicle.profiles is None:
+            creepage = creepages(vehicle, slowness, y_rel, psi, rate["contact_y"], rate["contact_psi"])
+            contact = contact_force(vehicle, creepage, y_rel, psi)
+        else:
+            creepage, contact, wheels = profile_contact(
+                vehicle, slowness, y_rel, psi, rate["contact_y"], rate["contact_psi"], forces
+            )
         forces["contact_y"], forces["contact_psi"] = contact.lateral, contact.yaw
-        if vehicle.gyroscopic:
+        if vehicle.gyroscopic and vehicle.profiles is None:
             spin = gyroscopic_coupling(vehicle, slowness)
             forces["contact_y"] = forces["contact_y"] - spin * rate["contact_psi"]
             forces["contact_psi"] = forces["contact_psi"] + spin * rate["contact_y"]
@@ -149,6 +157,7 @@ def motion(
         slowness,
         flat_rates,
         vehicle,
+        wheels,
     )
 
 

@@ -90,7 +90,8 @@ def parameters(vehicle: Vehicle | None = None) -> Iterator[tuple[str, dataclasse
 
 def without_labels(vehicle: Vehicle) -> Vehicle:
     """The vehicle without name, note and provenance, so that two vehicles of one structure share compiled code."""
-    return dataclasses.replace(vehicle, name="", note="", provenance=())
+    profiles = None if vehicle.profiles is None else dataclasses.replace(vehicle.profiles, label="")
+    return dataclasses.replace(vehicle, name="", note="", provenance=(), profiles=profiles)
 
 
 def bare(vehicle: Vehicle, damper: Any) -> tuple[Vehicle, Any]:

@@ -8,7 +8,7 @@ Springs and dampers are per side: a bogie has two secondary corners, a wheelset 
 """
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import jax
@@ -190,6 +190,21 @@ class Contact:
     law: Literal["sharp", "smooth", "linear"] = structure("sharp", '"sharp", "smooth" or "linear"', (*LAWS, "linear"))
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Profiles:
+    """Wheel and rail profiles as the equations of motion read them: functions of a wheelset's displacement y on its track, in rows of
+    cubics at equal steps. `contact.profile_table` makes it, and `contact.profile_contact` says what the rows hold and reads them."""
+
+    start: Number  # m, of the table
+    step: Number  # m
+    rows: Number = field(metadata={"axes": 3})  # (intervals, powers of (y - y_i)/step from 0 on, functions), SI
+    rest: Number  # m; y of straight running, 0 where both sides are alike
+    steepest: Number  # m; y where the lateral force rises most: what bounds the step of RK4
+    last: Number  # m; displacement beyond which functions stay as they are and the rail's stiffness k_f acts alone
+    label: str = structure("")
+
+
 @dataclass(frozen=True)
 class Provenance:
     """Where a parameter's value comes from: `status` is "published", "recalled", "assumed" or "calibrated"; "tuned" where `tune` chose it."""
@@ -206,7 +221,8 @@ class Vehicle:
 
     Yaw dampers, bump stops, cross bracing and what is special about the lateral dampers are None where there are none. `gyroscopic` adds the
     spin-yaw coupling of the wheelsets, `gravitational` the contact's gravitational stiffness; both are off for the paper's
-    coach, which does not state them.
+    coach, which does not state them. `profiles` take the place of the constant conicity, with its gravitational stiffness and the
+    flange: `with_profiles` gives a vehicle such.
     """
 
     carbody: CarBody
@@ -220,6 +236,7 @@ class Vehicle:
     lateral_damper: LateralDamper | None = None
     bump_stop: BumpStop | None = None
     cross_bracing: CrossBracing | None = None
+    profiles: Profiles | None = None
     gyroscopic: bool = structure(False, "spin-yaw coupling of the wheelsets")
     gravitational: bool = structure(False, "the contact's gravitational stiffness")
     name: str = structure("")
@@ -233,6 +250,7 @@ class Vehicle:
         lines = [f"Vehicle {self.name or '(unnamed)'}: {bogies} bogie(s) of {axles} axle(s), {self.contact.law} contact"]
         lines += [f"  held: {', '.join(held)}"] if held else []
         lines += [f"  with {', '.join(self._elements())}"] if self._elements() else []
+        lines += [f"  profiles: {self.profiles.label}"] if self.profiles is not None else []
         lines += [f"  not from the source: {', '.join(doubtful)}"] if doubtful else []
         return "\n".join(lines)
 
@@ -253,10 +271,10 @@ class Vehicle:
         return found
 
 
-#: part of a vehicle -> its class; a vehicle may do without those in OPTIONAL
+#: part of a vehicle whose numbers are parameters -> its class; a vehicle may do without those in OPTIONAL
 PARTS: dict[str, type] = {
     f.name: next(kind for kind in (f.type, *get_args(f.type)) if dataclasses.is_dataclass(kind))  # type: ignore[misc]
     for f in dataclasses.fields(Vehicle)
-    if not f.metadata.get("static")
+    if not f.metadata.get("static") and f.name != "profiles"
 }
 OPTIONAL = tuple(f.name for f in dataclasses.fields(Vehicle) if f.name in PARTS and f.default is None)

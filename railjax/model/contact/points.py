@@ -384,3 +384,40 @@ def laid(xp: ModuleType, rail: Cubics, drawn: Places, tilt: Places, gauge: Place
     )
     origin = 0.5 * gauge - xp.where(nearest >= 0, side, xp.nan)
     return origin, -highest, origin + top
+
+
+class Lean(NamedTuple):
+    """How a wheelset moves with its displacement on elastic contacts: derivatives by y, and what they belong to."""
+
+    contacts: Contacts
+    rise: Places  # d(rise of its middle)/dy: the lateral force of the normals over the axle load
+    roll: Places  # d roll/dy, rad/m
+
+
+def leaning(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) -> Lean:
+    """The soft contacts at y, from a pose that solves D_R = D_L = 0, with the derivatives by y that keep it so."""
+    found = _soft(xp, side, y, pose, width)
+    rise, roll, _ = _leant(xp, side, y, found.pose, width)
+    return Lean(found, rise, roll)
+
+
+def risen(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) -> tuple[Places, Pose]:
+    """`Lean.rise` alone, and the pose at which it is: found by Newton steps from one nearby."""
+    for _ in range(AT_Y):
+        rise, _, (height, roll) = _leant(xp, side, y, pose, width)
+        pose = Pose(
+            pose.height + xp.clip(height, -MOST_HEIGHT, MOST_HEIGHT), pose.roll + xp.clip(roll, -MOST_ROLL, MOST_ROLL)
+        )
+    return _leant(xp, side, y, pose, width)[0], pose
+
+
+def _leant(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) -> tuple[Places, Places, tuple[Places, Places]]:
+    """Derivatives of rise and roll by y, and the Newton step of height and roll towards D_R = D_L = 0."""
+    found = _spread(xp, side, y, pose, width)
+    share = found.share * found.cosine
+    across = side.sign[:, None, None] * (
+        found.at.rail_slope * xp.cos(side.tilt)[:, None, None] - xp.sin(side.tilt)[:, None, None]
+    )
+    by_y, by_height, by_roll = (xp.sum(share * of, axis=2) for of in (across, found.at.by_height, found.at.by_roll))
+    height, roll = _newton((by_y, by_height, by_roll))
+    return -height, roll, _newton((found.least, by_height, by_roll))

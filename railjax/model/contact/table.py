@@ -61,7 +61,7 @@ class ContactTable:
             axis=-1,
         )
         step = y[1] - y[0]
-        out = step * (jnp.asarray(_slopes(len(y), step)) @ values)
+        out = step * (jnp.asarray(slopes_of(len(y), step)) @ values)
         low, high, into, out = values[:-1], values[1:], out[1:], out[:-1]
         rows = jnp.stack([low, out, 3.0 * (high - low) - 2.0 * out - into, 2.0 * (low - high) + out + into], axis=-1)
         return cls(y[0], step, rows)
@@ -86,7 +86,7 @@ class ContactTable:
 
 
 @functools.cache
-def _slopes(count: int, step: float) -> Float[np.ndarray, "n n"]:
+def slopes_of(count: int, step: float) -> Float[np.ndarray, "n n"]:
     """The matrix that makes of values at equal steps the slopes of their spline."""
     from scipy.interpolate import CubicSpline
 

@@ -1,0 +1,214 @@
+"""Contact of wheelsets on rails with profiles: creepages and creep forces of each wheel, the forces of the inclined normals, wheel loads.
+
+Signs as in `creep`: forces are resistances, positive along the deflection. Wheels are the leading axis, (right, left). The functions of y
+stand in the table of the vehicle's `Profiles`; only its rows are read here, no contact is looked for.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...base import smooth
+from ...base.compilation import fence
+from ...base.typing import Scalar
+from ..vehicle import Profiles, Vehicle
+from .creep import ContactForce, Creepage, saturation_factor
+
+Wheelsets = Float[Array, "..."]
+Wheels = Float[Array, "..."]
+
+#: functions of a table, in the order of its rows' last axis; those of wheels for the right and then for the left one
+SHARED = ("radius", "normal", "roll_rate", "yielding")
+OF_WHEEL = ("sine", "longitudinal", "lateral", "lateral_spin")
+FUNCTIONS = len(SHARED) + 2 * len(OF_WHEEL)
+
+#: share of the static load below which no wheel comes, and above which none, as far as creep forces go
+LEAST_LOAD, MOST_LOAD = 0.05, 1.95
+#: lateral force of the normals over the axle load at which one rail carries most of it
+LEANING = 0.1
+
+
+class ContactAt(NamedTuple):
+    """What the contact is where the wheelsets are."""
+
+    radius: Wheelsets  # (r_R - r_L)/2, m
+    normal: Wheelsets  # lateral resistance of the normal forces over the axle load: what lifts the wheelset
+    roll_rate: Wheelsets  # d roll/dy, rad/m, right side up
+    yielding: Wheelsets  # share of dy that the rails give way
+    sine: Wheels  # sin of the contact angle, positive where the wheel rises towards its flange
+    longitudinal: Wheels  # Kalker's f_11 of a wheel, N
+    lateral: Wheels  # f_33, N
+    lateral_spin: Wheels  # f_12, N m
+
+
+class OfWheels(NamedTuple):
+    """What is known of each wheel beside the wheelset's `ContactForce`, (2, n, m, *lanes); the last, of wheelsets, is (n, m, *lanes)."""
+
+    lateral: Wheels  # creepage xi_y
+    spin: Wheels  # xi_s, 1/m
+    longitudinal_force: Wheels  # resistance to xi_x, N
+    lateral_force: Wheels  # resistance to xi_y in the plane of the contact, N
+    tangent: Wheels  # tan of the contact angle
+    rolled: Wheelsets  # roll moment of the suspension on the wheelset, N m
+
+
+def contact_at(profiles: Profiles, y: Wheelsets) -> ContactAt:
+    """The functions at displacements y (m) on the track, (n, m, *lanes); beyond the table's ends those of the ends."""
+    place = (y - profiles.start) / profiles.step
+    count = jnp.shape(profiles.rows)[0]
+    index = jnp.clip(jnp.floor(place), 0.0, count - 1.0)
+    within = jnp.clip(place - index, 0.0, 1.0)
+    if jnp.ndim(profiles.rows) == 3:
+        values = _shared(profiles.rows, index.astype(jnp.int32), within)
+    else:
+        values = _of_lanes(profiles.rows, index.astype(jnp.int32), within)
+    of = jnp.moveaxis(values, -1, 0)
+    first = len(SHARED)
+    wheels = of[first:].reshape((len(OF_WHEEL), 2, *of.shape[1:]))
+    return ContactAt(*(of[k] for k in range(first)), *(wheels[k] for k in range(len(OF_WHEEL))))
+
+
+@fence
+def _shared(rows: Array, index: Array, within: Array) -> Array:
+    """One slice a wheelset; functions last, so that a row lies in one piece."""
+    found = rows.reshape(rows.shape[0], -1).at[index].get(mode="promise_in_bounds")
+    return _cubic(found.reshape((*index.shape, *rows.shape[1:])), within)
+
+
+def _of_lanes(rows: Array, index: Array, within: Array) -> Array:
+    """Each lane has a table of its own, on the last axis."""
+    lanes = jnp.arange(rows.shape[-1])
+    return _cubic(jnp.moveaxis(rows, -1, 1).at[index, lanes].get(mode="promise_in_bounds"), within)
+
+
+def _cubic(row: Array, within: Array) -> Array:
+    t = within[..., None]
+    return row[..., 0, :] + t * (row[..., 1, :] + t * (row[..., 2, :] + t * row[..., 3, :]))
+
+
+class _Seen(NamedTuple):
+    """What the contact of a wheelset depends on."""
+
+    y: Wheelsets  # m, on the track
+    psi: Wheelsets  # rad
+    drift: Wheelsets  # y'/v
+    turn: Wheelsets  # psi'/v, 1/m, with a curve's curvature
+    guided: Wheelsets  # lateral force of the primary suspension on the wheelset, N
+    rolled: Wheelsets  # its roll moment, N m, right side up
+
+
+def profile_contact(
+    vehicle: Vehicle,
+    slowness: Scalar,
+    y_rel: Wheelsets,
+    psi: Wheelsets,
+    y_rate: Wheelsets,
+    turning: Wheelsets,
+    suspension: dict[str, Float[Array, "..."]],
+) -> tuple[Creepage, ContactForce, OfWheels]:
+    """Creep of each wheel, the normals' lateral force and yaw moment, and the rail beyond the last contact.
+
+    With roll' and the sine of the contact angle delta as functions of y, upper signs on the right:
+
+        xi_x = ±(e psi'/v + (r_R - r_L)/(2 r_0)),  xi_y = ((1 - u' + r_0 roll') y'/v - psi)/cos delta,  xi_s = psi'/v ∓ sin delta/r_0
+
+    where u' is how far the rail gives way. Kalker's forces f_11 xi_x and f_33 xi_y + f_12 xi_s are saturated together per wheel at mu N
+    (Shen, Hedrick and Elkins), N = Q_s/cos delta. By virtual work they act on y with the factor that y' has in xi_y, which contains what the
+    transfer of load does to the normals; these resist with W d(rise)/dy, and with -e psi (Q_R tan delta_R + Q_L tan delta_L) on psi.
+
+    The contact law "linear" is the tangent of all that at rest.
+
+    Args:
+        vehicle: one with `profiles`
+        slowness: 1/v, s/m
+        y_rel: displacements on the track, m, (n, m, *lanes)
+        psi: yaw, rad
+        y_rate: m/s
+        turning: psi', rad/s, in a curve with v times its curvature
+        suspension: forces of the primary suspension, by the names of their deflections
+    """
+    guided = suspension["primary_y"]
+    rolled = jnp.zeros_like(guided)
+    if "primary_z" in suspension:
+        share = vehicle.geometry.half_primary / len(vehicle.geometry.axle_pattern)
+        rolled = rolled + share * suspension["primary_z"][:, None]
+    seen = _Seen(y_rel, psi, y_rate * slowness, turning * slowness, guided, rolled)
+    if vehicle.contact.law != "linear":
+        return _forces(vehicle, slowness, seen)
+    # "linear" with a negative clearance is the flange held in contact
+    profiles, still = vehicle.profiles, jax.tree.map(jnp.zeros_like, seen)
+    at = jnp.where(jnp.asarray(vehicle.contact.flange_clearance) < 0.0, profiles.steepest, profiles.rest)
+    return jax.jvp(functools.partial(_forces, vehicle, slowness), (still._replace(y=still.y + at),), (seen,))[1]
+
+
+def wheel_loads(vehicle: Vehicle, lateral: Wheelsets, rolled: Wheelsets) -> Wheels:
+    """Q_R and Q_L, N: e (Q_R - Q_L) = r_0 F - M with the lateral force F that the rails carry and the suspension's roll moment M."""
+    transfer = (vehicle.wheelset.wheel_radius * lateral - rolled) / (2.0 * vehicle.geometry.half_gauge)
+    return vehicle.contact.wheel_load + _signs(lateral) * transfer
+
+
+def _signs(like: Wheelsets) -> Wheels:
+    """1 for the right wheel, -1 for the left one, before the axes of wheelsets."""
+    return jnp.asarray(np.array([1.0, -1.0]).reshape((2,) + (1,) * like.ndim), like.dtype)
+
+
+def _forces(vehicle: Vehicle, slowness: Scalar, seen: _Seen) -> tuple[Creepage, ContactForce, OfWheels]:
+    contact, half_gauge, radius = vehicle.contact, vehicle.geometry.half_gauge, vehicle.wheelset.wheel_radius
+    at, signs = contact_at(vehicle.profiles, seen.y), _signs(seen.y)
+    secant = 1.0 / jnp.sqrt(1.0 - at.sine**2)
+    tangent = at.sine * secant
+    # the rail that is leant on gives way
+    share = 0.5 + signs * (0.5 * at.normal / jnp.sqrt(at.normal**2 + LEANING**2))
+    moved = 1.0 - share * at.yielding + radius * at.roll_rate
+    slip = moved * seen.drift - seen.psi
+    spin = seen.turn - signs * at.sine / radius
+    along = half_gauge * seen.turn + at.radius / radius
+    longitudinal = at.longitudinal * along
+    across = slip * secant
+    lateral = at.lateral * across + at.lateral_spin * spin
+
+    load = contact.wheel_load
+    loads = jnp.clip(wheel_loads(vehicle, seen.guided, seen.rolled), LEAST_LOAD * load, MOST_LOAD * load)
+    most = contact.friction * loads * secant
+    u, factor = _saturated(_norm(vehicle, (longitudinal**2 + lateral**2) / most**2))
+    longitudinal, lateral = factor * longitudinal, factor * lateral
+    turned = factor * (contact.creep_spin * spin - at.lateral_spin * across) - half_gauge * seen.psi * (loads * tangent)
+    normal = 2.0 * load * at.normal + contact.flange_stiffness * _beyond(vehicle, seen.y)
+    force, moment = _both(moved * secant * lateral) + normal, _both(half_gauge * longitudinal + turned)
+    if vehicle.gyroscopic:
+        # the spin v/r_0 turns with the roll, as in `motion.gyroscopic_coupling`
+        coupled = vehicle.wheelset.spin_inertia / (slowness**2 * radius) * at.roll_rate
+        force, moment = force - coupled * seen.turn, moment + coupled * seen.drift
+    return (
+        Creepage(along, seen.drift - seen.psi, seen.turn),
+        ContactForce(force, moment, normal, jnp.max(u, axis=0)),
+        OfWheels(across, spin, longitudinal, lateral, tangent, seen.rolled),
+    )
+
+
+def _both(wheels: Wheels) -> Wheelsets:
+    return wheels[0] + wheels[1]
+
+
+def _norm(vehicle: Vehicle, square: Wheels) -> Wheels:
+    if vehicle.contact.law == "smooth":
+        return smooth.smooth_norm(square, vehicle.contact.creep_width)
+    return smooth.sqrt_of_square(square)
+
+
+@fence
+def _saturated(u: Wheels) -> tuple[Wheels, Wheels]:
+    """u and the factor of each wheel, once for all that depends on them."""
+    return u, saturation_factor(u)
+
+
+def _beyond(vehicle: Vehicle, y: Wheelsets) -> Wheelsets:
+    """How far beyond the last contact, m; of a tangent none, as the table has the flange's stiffness."""
+    law = vehicle.contact.law
+    if law == "linear":
+        return jnp.zeros_like(y)
+    return smooth.beyond(law, y, vehicle.profiles.last, vehicle.contact.flange_width)

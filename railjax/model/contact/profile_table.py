@@ -1,0 +1,285 @@
+"""A vehicle on wheel and rail profiles: the contact geometry as the table of functions that `profile_contact` reads.
+
+Rails give way to the flange: beyond some lateral force F_0 their heads move by u = (√(F² + F_0²) - F_0)/k_f, and the wheelset's
+displacement is y = y_c + u with y_c that of the rigid geometry. So what would be a wall in y has the flange's stiffness k_f.
+"""
+
+import dataclasses
+import functools
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...base.arguments import guarded
+from ...base.checks import FLAG, traced
+from ...base.errors import InputError
+from ...base.namespace import constant, known
+from ...base.precision import require_double_precision
+from ...base.typing import Scalar, Values
+from ..vehicle import Profiles, Vehicle
+from .geometry import FLATTEST, SPREAD, ContactGeometry, Pair, contact_geometry
+from .kalker import creep_coefficients
+from .points import Lean, Pose, Side, leaning, risen
+from .profile_contact import FUNCTIONS, OF_WHEEL, SHARED
+from .table import slopes_of
+
+#: m; displacements of the table's intervals
+Y = np.linspace(-12e-3, 12e-3, 481)
+#: share of the axle load that is F_0: more than treads give, less than flanges do
+GIVES_WAY = 0.2
+#: lateral force of the normals over the axle load that only a flange gives
+FLANGE = 0.5
+#: m to which y_c is found, and most steps of false position for it
+CLOSE, MOST = 1e-10, 40
+#: of these where numbers are traced
+TRACED = 12
+
+#: relative difference of what counts as alike on both sides
+ODD = 1e-6
+#: place of the lateral force among the functions
+NORMAL = SHARED.index("normal")
+
+#: sign of each function in the mirror, where wheels change places
+MIRRORED = np.array([-1.0, -1.0, 1.0, 1.0] + [1.0] * 2 * len(OF_WHEEL))
+SWAPPED = np.array([*range(len(SHARED)), *(len(SHARED) + 2 * k + 1 - w for k in range(len(OF_WHEEL)) for w in range(2))])
+
+
+@guarded(wheel=None, rail=None, gauge=None, flange_back=None, tread_datum=None, radius=None, inclination=None, simplified=FLAG)
+def with_profiles(
+    vehicle: Vehicle,
+    wheel: Pair = "S1002",
+    rail: Pair = "60E1",
+    *,
+    gauge: Scalar = 1.435,
+    flange_back: Scalar = 1.36,
+    tread_datum: Scalar = 0.07,
+    radius: Scalar | tuple | list | None = None,
+    inclination: Scalar | tuple | list = 1 / 40,
+    simplified: bool = False,
+) -> Vehicle:
+    """The vehicle on profiles instead of a constant conicity: conicity, contact angles, creep coefficients, flange and all.
+
+    What was the constant conicity, Kalker's coefficients and the clearance of the flange in `contact` becomes what the profiles have at
+    rest, for information; only f_22 is read. Friction, wheel load and k_f, the rails' stiffness against the flange, stay. Differentiable in
+    gauge, inclination, radii and the heights of profiles, inside `jit` too, in double precision.
+
+    Args:
+        vehicle: a single vehicle, without lanes
+        wheel: as for `contact_geometry`
+        rail: as for `contact_geometry`
+        gauge: m, 14 mm below the rails' tops
+        flange_back: m, between the backs of the flanges
+        tread_datum: m, from the back of the flange to the tread datum
+        radius: m, at the tread datum, (right, left) for unequal wheels; None: the vehicle's
+        inclination: slope of the rails, dimensionless; (right, left) if they differ
+        simplified: leave out what a constant conicity leaves out (geometric spin, roll, normal forces): to compare the two
+
+    Raises:
+        InputError: as `contact_geometry`.
+    """
+    radius = vehicle.wheelset.wheel_radius if radius is None else radius
+    load, stiffness = vehicle.contact.wheel_load, vehicle.contact.flange_stiffness
+    if any(np.ndim(one) for one in (load, stiffness)):
+        raise InputError("with_profiles takes one vehicle, without lanes; make each vehicle by itself, or map over it with jax.vmap")
+    geometry = contact_geometry(
+        wheel, rail, gauge=gauge, flange_back=flange_back, tread_datum=tread_datum, radius=radius, inclination=inclination, y=Y, load=load
+    )  # fmt: skip
+    given = geometry.sides, SPREAD * geometry.approach, geometry.smooth.height, geometry.smooth.roll, load, stiffness
+    if traced(given):
+        require_double_precision("a vehicle on traced profiles")
+        values = _compiled(given)
+    else:
+        # Kalker's coefficients in double precision whatever the process uses
+        with jax.enable_x64(True):
+            values = _values(np, known(given))
+    alike = not any(isinstance(one, (tuple, list)) or np.ndim(one) for one in (wheel, rail, radius, inclination))
+    return _carried(vehicle, values, alike, simplified, _label(geometry, gauge, inclination))
+
+
+class _Place(NamedTuple):
+    """Rigid displacements tried, the pose there, and how far y is off."""
+
+    y: Values
+    pose: Pose
+    off: Values
+
+
+def _yielded(xp: ModuleType, force: Values, load: Values, stiffness: Values) -> Values:
+    """u of a lateral force, m, odd and smooth."""
+    begins = GIVES_WAY * 2.0 * load
+    return xp.sign(force) * (xp.sqrt(force**2 + begins**2) - begins) / stiffness
+
+
+def _values(xp: ModuleType, given: tuple) -> Values:
+    """The functions at `Y`, (y, functions)."""
+    side, width, height, roll, load, stiffness = given
+    still, fixed, weight, rail = constant(xp, (side, width, load, stiffness))
+
+    def rigid(of: Side, spread: Values, q: Values, k: Values, y: Values, pose: Pose) -> tuple[Values, Lean]:
+        lean = leaning(xp, of, y, pose, spread)
+        return y + _yielded(xp, 2.0 * q * lean.rise, q, k), lean
+
+    def tried(y: Values, pose: Pose, wanted: Values) -> _Place:
+        rise, pose = risen(xp, still, y, pose, fixed)
+        return _Place(y, pose, y + _yielded(xp, 2.0 * weight * rise, weight, rail) - wanted)
+
+    found = _found(xp, tried, Y, constant(xp, Pose(height, roll)))
+    if xp is jnp:
+        # the implicit function's derivative by a Newton step that changes nothing
+        y, pose = constant(xp, (found.y, found.pose))
+        slope = constant(xp, jax.jvp(lambda y: rigid(still, fixed, weight, rail, y, pose)[0], (y,), (jnp.ones_like(y),))[1])
+        at = y - (rigid(side, width, load, stiffness, y, pose)[0] - Y) / slope
+        lean = leaning(xp, side, at, pose, width)
+    else:
+        at, lean = found.y, leaning(xp, side, found.y, found.pose, width)
+    return _functions(xp, at, lean, load)
+
+
+def _found(xp: ModuleType, tried: Any, y: Values, pose: Pose) -> _Place:
+    """y_c of each y, by false position between the neighbours among the rigid displacements between which it lies."""
+    there = tried(y, pose, 0.0)
+    middle = len(y) // 2
+    right, left = _rising(xp, there.off[middle:]), -_rising(xp, -there.off[: middle + 1][::-1])[::-1]
+    reached = xp.concatenate([left[:-1], right])
+    index = xp.clip(xp.searchsorted(reached, y), 1, len(y) - 1)
+
+    def end(k: Values) -> _Place:
+        return _Place(y[k] if xp is np else jnp.asarray(y)[k], Pose(there.pose.height[k], there.pose.roll[k]), there.off[k] - y)
+
+    low, high, best = end(index - 1), end(index), end(index)
+    if xp is np:
+        active = np.arange(len(y))
+        for _ in range(MOST):
+            some = [_taken(one, active) for one in (low, high, best)]
+            some = list(_nearer(np, tried, *some, y[active]))
+            for whole, part in zip((low, high, best), some, strict=True):
+                _put(whole, active, part)
+            active = active[np.abs(best.off[active]) > CLOSE]
+            if not active.size:
+                break
+        return best
+    return jax.lax.fori_loop(0, TRACED, lambda _, ends: _nearer(jnp, tried, *ends, jnp.asarray(y)), (low, high, best))[2]
+
+
+def _rising(xp: ModuleType, values: Values) -> Values:
+    return np.maximum.accumulate(values) if xp is np else jax.lax.cummax(values)
+
+
+def _nearer(xp: ModuleType, tried: Any, low: _Place, high: _Place, best: _Place, y: Values) -> tuple[_Place, _Place, _Place]:
+    """One step of false position (Illinois: an end that stays twice counts half)."""
+    apart = high.off - low.off
+    share = xp.clip(xp.where(apart == 0.0, 0.5, -low.off / xp.where(apart == 0.0, 1.0, apart)), 0.0, 1.0)
+    pose = Pose(*(a + share * (b - a) for a, b in zip(low.pose, high.pose, strict=True)))
+    here = tried(low.y + share * (high.y - low.y), pose, y)
+    below = here.off < 0.0
+    stays = _chosen(xp, below, high, low)
+    stays = stays._replace(off=xp.where(below == (best.off < 0.0), 0.5, 1.0) * stays.off)
+    return _chosen(xp, below, here, stays), _chosen(xp, below, stays, here), here
+
+
+def _chosen(xp: ModuleType, first: Values, one: _Place, other: _Place) -> _Place:
+    return jax.tree.map(lambda a, b: xp.where(first, a, b), one, other)
+
+
+def _taken(place: _Place, index: Values) -> _Place:
+    return jax.tree.map(lambda leaf: leaf[index], place)
+
+
+def _put(place: _Place, index: Values, part: _Place) -> None:
+    for whole, some in zip(jax.tree.leaves(place), jax.tree.leaves(part), strict=True):
+        whole[index] = some
+
+
+def _functions(xp: ModuleType, at: Values, lean: Lean, load: Values) -> Values:
+    """The columns of `profile_contact`, and behind them f_22 of both wheels and y_c."""
+    found, slopes = lean.contacts, slopes_of(len(Y), Y[1] - Y[0])
+    cosine = xp.cos(found.angle)
+    along, across = found.radius / cosine, 1.0 / xp.maximum(found.curvature, FLATTEST)
+    creep = jax.jit(creep_coefficients)(*(xp.ravel(one) for one in (load / cosine, along, across)))
+    longitudinal, lateral, lateral_spin, spin = (xp.reshape(xp.asarray(one), cosine.shape) for one in creep)
+    shared = 0.5 * (found.radius[0] - found.radius[1]), lean.rise, slopes @ found.pose.roll, 1.0 - slopes @ at
+    wheels = xp.sin(found.angle), longitudinal, lateral, lateral_spin, spin
+    return xp.stack([*shared, *(one[k] for one in wheels for k in range(2)), at], axis=1)
+
+
+_compiled = jax.jit(functools.partial(_values, jnp))
+
+
+def _carried(vehicle: Vehicle, found: Values, alike: bool, simplified: bool, label: str) -> Vehicle:
+    """The vehicle with the functions in a table."""
+    xp = np if isinstance(found, np.ndarray) else jnp
+    values, spin, rigid = found[:, :FUNCTIONS], found[:, FUNCTIONS:-1], found[:, -1]
+    if alike:
+        # to the last digit
+        values = 0.5 * (values + MIRRORED * values[::-1, SWAPPED])
+    if simplified:
+        kept = np.ones(FUNCTIONS)
+        kept[1 : len(SHARED) + 2] = 0.0
+        values = kept * values
+    step = Y[1] - Y[0]
+    slope = step * (slopes_of(len(Y), step) @ values)
+    low, high, out, into = values[:-1], values[1:], slope[:-1], slope[1:]
+    rows = xp.stack([low, out, 3.0 * (high - low) - 2.0 * out - into, 2.0 * (low - high) + out + into], axis=1)
+
+    normal, by_y = constant(xp, (values[:, NORMAL], slope[:, NORMAL]))
+    flanged = (normal[0] < -FLANGE) & (normal[-1] > FLANGE)
+    # where the flanges touch: a scale of motions, without derivative
+    touching = 0.5 * constant(xp, rigid[xp.argmax(normal > FLANGE)] - rigid[len(Y) - 1 - xp.argmax(normal[::-1] < -FLANGE)])
+    clearance = vehicle.contact.flange_clearance
+    profiles = Profiles(
+        Y[0], step, rows, _rest(xp, values[:, 0], slope[:, 0] / step), xp.asarray(Y)[xp.argmax(by_y)], xp.where(flanged, Y[-1], clearance), label
+    )  # fmt: skip
+
+    def at_rest(column: Values) -> Values:
+        return _interpolated(xp, profiles.rest, column)
+
+    wheels = [at_rest(values[:, len(SHARED) + k]) for k in range(2 * len(OF_WHEEL))]
+    contact = dataclasses.replace(
+        vehicle.contact,
+        conicity=at_rest(slope[:, 0] / step),
+        creep_longitudinal=0.5 * (wheels[2] + wheels[3]),
+        creep_lateral=0.5 * (wheels[4] + wheels[5]),
+        creep_lateral_spin=0.5 * (wheels[6] + wheels[7]),
+        creep_spin=0.5 * (at_rest(spin[:, 0]) + at_rest(spin[:, 1])),
+        flange_clearance=xp.where(flanged, touching, clearance),
+    )
+    if xp is np:
+        contact, profiles = (jax.tree.map(lambda leaf: leaf if np.ndim(leaf) else float(leaf), part) for part in (contact, profiles))
+    return dataclasses.replace(vehicle, contact=contact, profiles=profiles)
+
+
+def _interpolated(xp: ModuleType, y: Values, column: Values) -> Values:
+    return xp.interp(y, Y, column)
+
+
+def _rest(xp: ModuleType, radius: Values, slope: Values) -> Values:
+    """The y nearest the middle at which both rolling radii are the same; 0 where there is none."""
+    left = xp.arange(len(Y) - 1)
+    changes = constant(xp, radius[:-1] * radius[1:] <= 0.0)
+    distance = xp.where(changes, xp.abs(left + 0.5 - 0.5 * (len(Y) - 1)), np.inf)
+    at = xp.argmin(distance)
+    low, high = radius[at], radius[at + 1]
+    share = xp.where(high == low, 0.0, -low / xp.where(high == low, 1.0, high - low))
+    return xp.where(xp.any(changes), Y[0] + (Y[1] - Y[0]) * (at + share), 0.0)
+
+
+def is_odd(profiles: Profiles) -> bool:
+    """Whether both sides are alike: then limit cycles may be their own mirror images."""
+    values = np.asarray(profiles.rows)[:, 0]
+    # first values of the intervals: of y_1 and its mirror image, and so on
+    mirror = MIRRORED * values[:0:-1][:, SWAPPED]
+    scale = np.max(np.abs(values), axis=0) + np.finfo(float).tiny
+    return bool(np.all(np.abs(mirror - values[1:]) <= ODD * scale))
+
+
+def _label(geometry: ContactGeometry, gauge: Scalar, inclination: Any) -> str:
+    (right, left), (rail, other) = geometry.profiles
+    wheels = right.name if right.name == left.name else f"{right.name} and {left.name}"
+    rails = rail.name if rail.name == other.name else f"{rail.name} and {other.name}"
+    said = [f"{wheels} on {rails}"]
+    if not traced(inclination) and np.ndim(inclination) == 0 and inclination:
+        said.append(f"1:{1.0 / float(inclination):g}")
+    return " ".join(said) + ("" if traced(gauge) else f", gauge {1e3 * float(gauge):g} mm")
