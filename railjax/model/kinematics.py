@@ -143,9 +143,10 @@ def deflections(vehicle: Vehicle, q: Groups) -> Groups:
     the secondary lateral one with heights h_cd and h_bd.
     Primary (n, m): lateral  y_b + x_k psi_b + h_ob phi_b - y,  longitudinal  d_o (psi_b - psi);  vertical (n)  d_o phi_b.
     Cross bracing (n): shear  y_1 - y_2 - a (psi_1 + psi_2),  bending  psi_1 - psi_2.
-    Contact (n, m): y and psi of the wheelset on the track.
+    Contact (n, m): y and psi of the wheelset on the track. Wheelsets do not roll on it, but the rails of a curve's ramp do, as its
+    "wheelset_phi": then the primary vertical deflection is  d_o (phi_b - mean of these).
     """
-    geometry = vehicle.geometry
+    geometry, rails_phi = vehicle.geometry, q.get("wheelset_phi")
     y, psi = q["wheelset_y"], q["wheelset_psi"]
     still = jnp.zeros(y.shape[:1] + y.shape[2:], y.dtype)
     q = {name: q.get(name, still) for name in UNITS} | {"wheelset_y": y, "wheelset_psi": psi}
@@ -171,7 +172,8 @@ def deflections(vehicle: Vehicle, q: Groups) -> Groups:
             lateral_carbody = lateral_of_carbody(q, bogie_positions(vehicle, y), above)
             deflection["lateral_damper"] = lateral_carbody - bogie_y + below * bogie_phi
     if not vehicle.bogie.held:
-        deflection["primary_z"] = geometry.half_primary * bogie_phi
+        rolled = bogie_phi if rails_phi is None else bogie_phi - jnp.mean(rails_phi, axis=1)
+        deflection["primary_z"] = geometry.half_primary * rolled
     lateral_bogie = bogie_y + geometry.bogie_to_primary * bogie_phi
     deflection["primary_y"] = lateral_bogie[:, None] + axle_positions(vehicle, y) * bogie_psi[:, None] - y
     deflection["primary_x"] = geometry.half_primary * (bogie_psi[:, None] - psi)
@@ -195,6 +197,17 @@ def transposed(vehicle: Vehicle, q: Groups) -> Callable[[Groups], Groups]:
 def damper_point(deflection: Groups) -> str:
     """Which deflection is that of the secondary lateral dampers: their own, if they have heights of their own."""
     return "lateral_damper" if "lateral_damper" in deflection else "secondary_y"
+
+
+def heights(vehicle: Vehicle) -> dict[str, Scalar]:
+    """Of the bodies' centres above the rails, m: the primary springs are taken to act at the height of the axles."""
+    geometry = vehicle.geometry
+    bogie = vehicle.wheelset.wheel_radius + geometry.bogie_to_primary
+    return {
+        "carbody": bogie + geometry.bogie_to_secondary + geometry.carbody_height,
+        "bogie": bogie,
+        "wheelset": vehicle.wheelset.wheel_radius,
+    }
 
 
 def of_carbody(vehicle: Vehicle, groups: Groups) -> Float[Array, "n *lanes"]:

@@ -23,6 +23,7 @@ from .damper import Damper, PassiveDamper, Seen, answers, law_of
 from .kinematics import Groups, damper_point, deflections, join, size, split, transposed
 from .parameters import without_labels
 from .suspension import bump_stop_force, yaw_damper_force, yaw_damper_states
+from .track.curve import Curve
 from .vehicle import Vehicle
 
 #: F_d of eq. (1): the vehicle's own rho_cy
@@ -46,6 +47,7 @@ class Motion(NamedTuple):
     slowness: Scalar  # 1/v, s/m
     velocity: Float[Array, "n *lanes"]  # q' as it lies in the state
     vehicle: Vehicle  # for what is read off it elsewhere, as on the floor
+    specific: Groups  # forces over inertias, what accelerometers in the plane of the track measure: q'' on straight track
     wheels: OfWheels | None = None  # of vehicles with profiles
 
 
@@ -102,13 +104,21 @@ def motion(
     slowness: Scalar,
     alignment: Float[Array, "n m *lanes"],
     x: Float[Array, "states *lanes"],
+    curve: Curve | None = None,
 ) -> Motion:
-    """Eqs. (2) and (6) at an instant: M q'' = -G^T f(G q, G q', ...), at 1/v = `slowness` (s/m) on the track eta_i (m)."""
+    """Eqs. (2) and (6) at an instant: M q'' = -G^T f(G q, G q', ...), at 1/v = `slowness` (s/m) on the track eta_i (m).
+
+    In a `curve` the coordinates are those in the frames of the line at each body's place, and M q'' has the line's acceleration taken off.
+    """
     flat, flat_rates, internal, elongation = _pieces(vehicle, damper, x)
     q, rates = split(vehicle, flat), split(vehicle, flat_rates)
 
     with jax.named_scope("deflections"):
         deflection, rate = deflections(vehicle, q), deflections(vehicle, rates)
+        turning = rate["contact_psi"]
+        if curve is not None:
+            deflection, rate = curve.added(vehicle, deflection, rate)
+            turning = turning + curve.curvature / slowness
     with jax.named_scope("suspension"):
         forces = suspension_forces(vehicle, deflection, rate)
     with jax.named_scope("damper"):
@@ -127,21 +137,22 @@ def motion(
         y_rel, psi = deflection["contact_y"] - alignment, deflection["contact_psi"]
         wheels = None
         if vehicle.profiles is None:
-            creepage = creepages(vehicle, slowness, y_rel, psi, rate["contact_y"], rate["contact_psi"])
+            creepage = creepages(vehicle, slowness, y_rel, psi, rate["contact_y"], turning)
             contact = contact_force(vehicle, creepage, y_rel, psi)
         else:
-            creepage, contact, wheels = profile_contact(
-                vehicle, slowness, y_rel, psi, rate["contact_y"], rate["contact_psi"], forces
-            )
+            creepage, contact, wheels = profile_contact(vehicle, slowness, y_rel, psi, rate["contact_y"], turning, forces)
         forces["contact_y"], forces["contact_psi"] = contact.lateral, contact.yaw
         if vehicle.gyroscopic and vehicle.profiles is None:
             spin = gyroscopic_coupling(vehicle, slowness)
-            forces["contact_y"] = forces["contact_y"] - spin * rate["contact_psi"]
+            forces["contact_y"] = forces["contact_y"] - spin * turning
             forces["contact_psi"] = forces["contact_psi"] + spin * rate["contact_y"]
     with jax.named_scope("accelerations"):
         generalised = transposed(vehicle, q)(forces)
         inertia = inertias(vehicle)
-        accelerations = {name: force * (-1.0 / inertia[name]) for name, force in generalised.items()}
+        accelerations = specific = {name: force * (-1.0 / inertia[name]) for name, force in generalised.items()}
+        if curve is not None:
+            line = curve.acceleration
+            accelerations = {name: value - line[name] if name in line else value for name, value in specific.items()}
     return Motion(
         q,
         rates,
@@ -157,6 +168,7 @@ def motion(
         slowness,
         flat_rates,
         vehicle,
+        specific,
         wheels,
     )
 
@@ -169,7 +181,9 @@ def _pieces(vehicle: Vehicle, damper: Damper, x: Float[Array, "states *lanes"]) 
     return [flat, flat_rates, *(piece.reshape((k, *shape)) for k, piece in zip(states, internal, strict=True))]
 
 
-def held(vehicle: Vehicle, damper: Damper, x: Float[Array, "states *lanes"]) -> Float[Array, "states *lanes"]:
+def held(
+    vehicle: Vehicle, damper: Damper, x: Float[Array, "states *lanes"], curve: Curve | None = None
+) -> Float[Array, "states *lanes"]:
     """The state between two steps, with what the damper holds until the next: `Law.held`. Doing it twice changes nothing."""
     law = answers(damper)
     if not law.decides:
@@ -179,6 +193,8 @@ def held(vehicle: Vehicle, damper: Damper, x: Float[Array, "states *lanes"]) -> 
     deflection, rate = deflections(vehicle, q), deflections(vehicle, rates)
     if "secondary_y" not in deflection:
         return x
+    if curve is not None:
+        deflection, rate = curve.added(vehicle, deflection, rate)
     at = damper_point(deflection)
     internal = law.held(vehicle, deflection[at], rate[at], internal, Seen(q, rates, elongation))
     pieces = [piece.reshape((-1, *x.shape[1:])) for piece in (internal, elongation)]

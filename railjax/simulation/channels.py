@@ -38,10 +38,11 @@ def _coordinates() -> dict[str, Channel]:
 
 
 CHANNELS: dict[str, Channel] = _coordinates() | {
-    # eq. (5), corrected (reading 1): by the equations of motion it is y_c''
-    "carbody_acceleration": Channel("m/s^2", "carbody", _coordinate("carbody_y", 2)),
+    # eq. (5), corrected (reading 1): by the equations of motion it is y_c'', and in a curve what an accelerometer measures in the
+    # plane of the track, y_c'' + v² kappa - g theta
+    "carbody_acceleration": Channel("m/s^2", "carbody", lambda instant: instant.specific["carbody_y"]),
     # lateral, over the leading bogie, in the centre, over the trailing bogie
-    "floor_acceleration": Channel("m/s^2", "floor", lambda instant: lateral_of_floor(instant.vehicle, instant.accelerations)),
+    "floor_acceleration": Channel("m/s^2", "floor", lambda instant: lateral_of_floor(instant.vehicle, instant.specific)),
     "secondary_travel": Channel("m", "bogie", lambda instant: instant.deflection["secondary_y"]),
     "secondary_velocity": Channel("m/s", "bogie", lambda instant: instant.deflection_rate["secondary_y"]),
     "damper_force": Channel("N", "bogie", lambda instant: instant.damper_force),

@@ -405,9 +405,7 @@ def risen(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) -> t
     """`Lean.rise` alone, and the pose at which it is: found by Newton steps from one nearby."""
     for _ in range(AT_Y):
         rise, _, (height, roll) = _leant(xp, side, y, pose, width)
-        pose = Pose(
-            pose.height + xp.clip(height, -MOST_HEIGHT, MOST_HEIGHT), pose.roll + xp.clip(roll, -MOST_ROLL, MOST_ROLL)
-        )
+        pose = Pose(pose.height + xp.clip(height, -MOST_HEIGHT, MOST_HEIGHT), pose.roll + xp.clip(roll, -MOST_ROLL, MOST_ROLL))
     return _leant(xp, side, y, pose, width)[0], pose
 
 

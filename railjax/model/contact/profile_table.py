@@ -83,7 +83,9 @@ def with_profiles(
     radius = vehicle.wheelset.wheel_radius if radius is None else radius
     load, stiffness = vehicle.contact.wheel_load, vehicle.contact.flange_stiffness
     if any(np.ndim(one) for one in (load, stiffness)):
-        raise InputError("with_profiles takes one vehicle, without lanes; make each vehicle by itself, or map over it with jax.vmap")
+        raise InputError(
+            "with_profiles takes one vehicle, without lanes; make each vehicle by itself, or map over it with jax.vmap"
+        )
     geometry = contact_geometry(
         wheel, rail, gauge=gauge, flange_back=flange_back, tread_datum=tread_datum, radius=radius, inclination=inclination, y=Y, load=load
     )  # fmt: skip
@@ -247,7 +249,9 @@ def _carried(vehicle: Vehicle, found: Values, alike: bool, simplified: bool, lab
         flange_clearance=xp.where(flanged, touching, clearance),
     )
     if xp is np:
-        contact, profiles = (jax.tree.map(lambda leaf: leaf if np.ndim(leaf) else float(leaf), part) for part in (contact, profiles))
+        contact, profiles = (
+            jax.tree.map(lambda leaf: leaf if np.ndim(leaf) else float(leaf), part) for part in (contact, profiles)
+        )
     return dataclasses.replace(vehicle, contact=contact, profiles=profiles)
 
 
