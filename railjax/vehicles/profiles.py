@@ -38,7 +38,9 @@ def given_profiles(table: Any, name: str, folder: Path) -> Table:
     for key, value in table.items():
         if key not in PROFILE_KEYS:
             raise InputError(f"{name}: unknown key {key!r}{nearest(key, PROFILE_KEYS)}")
-        found[key] = _pair(value, f"{name}.{key}", functools.partial(_profile, folder) if key in ("wheel", "rail") else given_number)
+        found[key] = _pair(
+            value, f"{name}.{key}", functools.partial(_profile, folder) if key in ("wheel", "rail") else given_number
+        )
     ratios = found.get("inclination", 0.0)
     for ratio in ratios if isinstance(ratios, tuple) else (ratios,):
         if ratio and abs(ratio) < 5.0:
@@ -100,4 +102,5 @@ def _made(key: _Key) -> Vehicle:
     wheel, rail = each(table["wheel"], WheelProfile.load), each(table["rail"], RailProfile.load)
     found = with_profiles(key.vehicle, wheel, rail, **options)
     # as the file says it, so that it can be written again
+    assert found.profiles is not None
     return dataclasses.replace(found, profiles=dataclasses.replace(found.profiles, given=tuple(table.items())))

@@ -29,6 +29,8 @@ FUNCTIONS = len(SHARED) + 2 * len(OF_WHEEL)
 
 #: share of the static load below which no wheel comes, and above which none, as far as creep forces go
 LEAST_LOAD, MOST_LOAD = 0.05, 1.95
+#: of its load without creep forces that the normal force is divided by at least, as where climbing jams
+LEAST_SHARE = 0.5
 
 
 class ContactAt(NamedTuple):
@@ -60,10 +62,11 @@ class OfWheels(NamedTuple):
 
 def contact_at(profiles: Profiles, y: Wheelsets) -> ContactAt:
     """The functions at displacements y (m) on the track, (n, m, *lanes); beyond the table's ends those of the ends."""
-    place = (y - profiles.start) / profiles.step
     count = jnp.shape(profiles.rows)[0]
+    # not within an interval, at whose ends the derivative of `clip` is halved
+    place = jnp.clip((y - profiles.start) / profiles.step, 0.0, float(count))
     index = jnp.clip(jnp.floor(place), 0.0, count - 1.0)
-    within = jnp.clip(place - index, 0.0, 1.0)
+    within = place - index
     if jnp.ndim(profiles.rows) == 3:
         values = _shared(profiles.rows, index.astype(jnp.int32), within)
     else:
@@ -170,19 +173,22 @@ def _forces(vehicle: Vehicle, slowness: Scalar, seen: _Seen) -> tuple[Creepage, 
 
     load = contact.wheel_load
     loads = jnp.clip(wheel_loads(vehicle, seen.guided, seen.rolled), LEAST_LOAD * load, MOST_LOAD * load)
-    most = contact.friction * loads * at.secant
+    normal = loads * at.secant
+    most = contact.friction * normal
     u, factor = _saturated(_norm(vehicle, (longitudinal**2 + lateral**2) / most**2))
+    # creep forces on inclined contacts carry some of the load, and are as the normal force is
+    factor = factor / jnp.maximum(1.0 - signs * factor * lateral / normal * tangent, LEAST_SHARE)
     longitudinal, lateral = factor * longitudinal, factor * lateral
     turned = factor * (at.spin * spin - at.lateral_spin * across) - half_gauge * seen.psi * (loads * tangent)
-    normal = 2.0 * load * at.normal + contact.flange_stiffness * _beyond(vehicle, seen.y)
-    force, moment = _both(at.moved * at.secant * lateral) + normal, _both(half_gauge * longitudinal + turned)
+    guiding = 2.0 * load * at.normal + contact.flange_stiffness * _beyond(vehicle, seen.y)
+    force, moment = _both(at.moved * at.secant * lateral) + guiding, _both(half_gauge * longitudinal + turned)
     if vehicle.gyroscopic:
         # the spin v/r_0 turns with the roll, as in `motion.gyroscopic_coupling`
         coupled = vehicle.wheelset.spin_inertia / (slowness**2 * radius) * at.roll_rate
         force, moment = force - coupled * seen.turn, moment + coupled * seen.drift
     return (
         Creepage(along, seen.drift - seen.psi, seen.turn),
-        ContactForce(force, moment, normal, jnp.max(u, axis=0)),
+        ContactForce(force, moment, guiding, jnp.max(u, axis=0)),
         OfWheels(across, spin, longitudinal, lateral, tangent, seen.rolled),
     )
 

@@ -19,6 +19,7 @@ from ...base.errors import InputError
 from ...base.namespace import constant, known
 from ...base.precision import require_double_precision
 from ...base.typing import Scalar, Values
+from ..consistency import VEHICLE
 from ..vehicle import Profiles, Vehicle
 from .geometry import FLATTEST, SPREAD, Pair, contact_geometry
 from .kalker import creep_coefficients
@@ -46,10 +47,22 @@ NORMAL = SHARED.index("normal")
 
 #: sign of each function in the mirror, where wheels change places
 MIRRORED = np.array([-1.0, -1.0, -1.0, 1.0] + [1.0] * 2 * len(OF_WHEEL))
+#: powers of 1 - t in powers of t
+REVERSED = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, -1.0, -2.0, -3.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, -1.0]])
 SWAPPED = np.array([*range(len(SHARED)), *(len(SHARED) + 2 * k + 1 - w for k in range(len(OF_WHEEL)) for w in range(2))])
 
 
-@guarded(wheel=None, rail=None, gauge=None, flange_back=None, tread_datum=None, radius=None, inclination=None, simplified=FLAG)
+@guarded(
+    vehicle=VEHICLE,
+    wheel=None,
+    rail=None,
+    gauge=None,
+    flange_back=None,
+    tread_datum=None,
+    radius=None,
+    inclination=None,
+    simplified=FLAG,
+)
 def with_profiles(
     vehicle: Vehicle,
     wheel: Pair = "S1002",
@@ -115,6 +128,10 @@ class _Place(NamedTuple):
     off: Values
 
 
+#: below and above the y that is looked for, and the last one tried
+Ends = tuple[_Place, _Place, _Place]
+
+
 def _yielded(xp: ModuleType, force: Values, load: Values, stiffness: Values) -> Values:
     """u of a lateral force, m, odd and smooth."""
     begins = GIVES_WAY * 2.0 * load
@@ -157,27 +174,31 @@ def _found(xp: ModuleType, tried: Any, y: Values, pose: Pose) -> _Place:
     def end(k: Values) -> _Place:
         return _Place(y[k] if xp is np else jnp.asarray(y)[k], Pose(there.pose.height[k], there.pose.roll[k]), there.off[k] - y)
 
-    low, high, best = end(index - 1), end(index), end(index)
-    if xp is np:
-        active = np.arange(len(y))
-        for _ in range(MOST):
-            some = [_taken(one, active) for one in (low, high, best)]
-            some = list(_nearer(np, tried, *some, y[active]))
-            for whole, part in zip((low, high, best), some, strict=True):
-                _put(whole, active, part)
-            active = active[np.abs(best.off[active]) > CLOSE]
-            if not active.size:
-                break
-        return best
-    return jax.lax.fori_loop(0, TRACED, lambda _, ends: _nearer(jnp, tried, *ends, jnp.asarray(y)), (low, high, best))[2]
+    ends = end(index - 1), end(index), end(index)
+    if xp is not np:
+        return jax.lax.fori_loop(0, TRACED, lambda _, three: _nearer(jnp, tried, three, jnp.asarray(y)), ends)[2]
+    active = np.arange(len(y))
+    for _ in range(MOST):
+        some = _nearer(np, tried, _taken(ends, active), y[active])
+        for whole, part in zip(jax.tree.leaves(ends), jax.tree.leaves(some), strict=True):
+            whole[active] = part
+        active = active[np.abs(ends[2].off[active]) > CLOSE]
+        if not active.size:
+            break
+    return ends[2]
+
+
+def _taken(ends: Ends, index: Values) -> Ends:
+    return jax.tree.map(lambda leaf: leaf[index], ends)
 
 
 def _rising(xp: ModuleType, values: Values) -> Values:
     return np.maximum.accumulate(values) if xp is np else jax.lax.cummax(values)
 
 
-def _nearer(xp: ModuleType, tried: Any, low: _Place, high: _Place, best: _Place, y: Values) -> tuple[_Place, _Place, _Place]:
+def _nearer(xp: ModuleType, tried: Any, ends: Ends, y: Values) -> Ends:
     """One step of false position (Illinois: an end that stays twice counts half)."""
+    low, high, best = ends
     apart = high.off - low.off
     share = xp.clip(xp.where(apart == 0.0, 0.5, -low.off / xp.where(apart == 0.0, 1.0, apart)), 0.0, 1.0)
     pose = Pose(*(a + share * (b - a) for a, b in zip(low.pose, high.pose, strict=True)))
@@ -190,15 +211,6 @@ def _nearer(xp: ModuleType, tried: Any, low: _Place, high: _Place, best: _Place,
 
 def _chosen(xp: ModuleType, first: Values, one: _Place, other: _Place) -> _Place:
     return jax.tree.map(lambda a, b: xp.where(first, a, b), one, other)
-
-
-def _taken(place: _Place, index: Values) -> _Place:
-    return jax.tree.map(lambda leaf: leaf[index], place)
-
-
-def _put(place: _Place, index: Values, part: _Place) -> None:
-    for whole, some in zip(jax.tree.leaves(place), jax.tree.leaves(part), strict=True):
-        whole[index] = some
 
 
 def _functions(xp: ModuleType, at: Values, lean: Lean, load: Values, radii: Values) -> Values:
@@ -292,6 +304,14 @@ def is_odd(profiles: Profiles) -> bool:
     mirror = MIRRORED * values[:0:-1][:, SWAPPED]
     scale = np.max(np.abs(values), axis=0) + np.finfo(float).tiny
     return bool(np.all(np.abs(mirror - values[1:]) <= ODD * scale))
+
+
+def evened(slopes: Profiles) -> Profiles:
+    """Derivatives of something by a table, of which only the half of an orbit was felt that is the mirror image of the other: the mean of
+    them and those that the other half feels."""
+    rows = np.asarray(slopes.rows)
+    mirrored = MIRRORED * np.einsum("kj,ikf->ijf", REVERSED, rows[::-1])[..., SWAPPED]
+    return dataclasses.replace(slopes, rows=0.5 * (rows + mirrored))
 
 
 def _given(wheels: Any, rails: Any, numbers: dict[str, Any], inclination: Any) -> tuple[tuple[str, Any], ...]:
