@@ -22,17 +22,19 @@ from ..along_speed import both_at
 from ..linear_critical import LinearCritical, Stability, linear_critical
 from . import continuation
 from . import settling as attractors
-from .floquet import floquet
+from .floquet import floquet, multipliers_of
 from .fold_search import FoldSearch, search_folds, steps_of_period
 from .limit_cycles import Branch, Event, LimitCycle, limit_cycle_at
 from .nonlinear_critical import default_wheelset, search_of
 from .normal_form import first_lyapunov_coefficient
 from .orbits import DISPLACEMENT, PERIOD, SPEED, Model, Shooting, model_of
-from .shooting import Point, plane, solved
+from .shooting import Point, at_speed, plane, solved
 
 #: share of the flange clearance at which the branch is entered from the Hopf point, to which it is followed down, and at which
 #: its first direction is taken
 NEAR_HOPF, DOWN_TO, AT_HOPF = 0.1, 0.02, 1e-3
+#: and the share where the motion is one that settles too slowly to be followed from above
+NEARER_HOPF = 0.03
 #: longest step between two points of the diagram (1 mm or 10 m/s), and the most points that one piece may have
 LARGEST_STEP, MOST_POINTS = 0.25, 600
 #: where the branch has no fold it is entered this much above the linear critical speed
@@ -205,14 +207,31 @@ class _Tracer:
         steps = steps_of_period(self.model, speed, period)
         problem = attractors.settled(self.model, self.shooting, shape * self.clearance, period, speed, steps)
         entry = solved(self.model, self.shooting, problem)
+        furthest = np.inf
         if not entry.usable:
+            furthest = highest
+            entry = self._of_slow_bogies(attractors.Start(self.model, shape, period, speed, steps))
+        if not (entry.usable and entry.unknowns[-1] * SPEED > self.speed):
             raise NumericalError(
                 f"no limit cycle found at {ENTRY:g} times the linear critical speed: the motion there is not periodic within "
                 f"{attractors.SETTLING} periods"
             )
         upwards = entry._replace(direction=entry.direction * np.sign(entry.slope))
         up = self._up_to(highest, upwards)
-        return [*self._to_hopf(upwards._replace(direction=-upwards.direction))[::-1], entry, *up]
+        return [*self._to_hopf(upwards._replace(direction=-upwards.direction), furthest)[::-1], entry, *up]
+
+    def _of_slow_bogies(self, start: attractors.Start) -> Point:
+        """The limit cycle of bogies that barely feel each other, which settle slowly: that to which one of their patterns leads, a stable
+        one if there is one; else the one that leaves the Hopf point."""
+        states = attractors.patterns(self.model, start.state, self.clearance)
+        ends = attractors.drawn(self.shooting, [start._replace(state=state) for state in states])
+        problems = [at_speed(self.model, self.shooting, end.guess, start.speed) for end in ends if end.swings]
+        found = [solved(self.model, self.shooting, problem) for problem in problems]
+        usable = [point for point in found if point.usable and not self._small(point)]
+        for point in usable:
+            if multipliers_of(self.shooting, point.monodromy).stable:
+                return point
+        return usable[0] if usable else self._small_orbit(NEARER_HOPF)
 
     def _growing(self, fold: Point) -> Point:
         """The fold in the direction in which the wheelset that moves most moves more: that of the stable limit cycles."""
@@ -241,12 +260,12 @@ class _Tracer:
                 return
             yield found
 
-    def _to_hopf(self, start: Point) -> list[Point]:
-        """Onwards to small amplitudes."""
+    def _to_hopf(self, start: Point, furthest: float) -> list[Point]:
+        """Onwards to small amplitudes, or away from them up to the speed `furthest` (m/s)."""
         points: list[Point] = []
         for point, _ in self._follow(start):
             points.append(point)
-            if self._small(point):
+            if self._small(point) or point.unknowns[-1] * SPEED > furthest:
                 break
         return points
 
