@@ -202,6 +202,7 @@ class Profiles:
     rest: Number  # m; y of straight running, 0 where both sides are alike
     steepest: Number  # m; y where the lateral force rises most: what bounds the step of RK4
     last: Number  # m; displacement beyond which functions stay as they are and the rail's stiffness k_f acts alone
+    flange_angle: Number  # rad; largest contact angle, of the flange that has the smaller one
     given: tuple[tuple[str, Any], ...] = structure(())  # what they were made of, as in [contact.profiles] of a vehicle file
 
     def __str__(self) -> str:

@@ -39,7 +39,7 @@ from ..model.track.sampled import SampledTrack
 from ..model.track.shapes import check_track
 from ..model.track.spectra import LONGEST, SHORTEST, Spectrum, spectrum
 from ..model.vehicle import Vehicle
-from ..simulation.channels import CHANNELS, check_channel
+from ..simulation.channels import CHANNELS, check_linear_channel
 from .weightings import weighting
 
 if TYPE_CHECKING:
@@ -200,7 +200,7 @@ def frequency_response(
             precision.
     """
     require_double_precision("the frequency response")
-    record = tuple(check_channel(name) for name in record)
+    record = tuple(check_linear_channel(name) for name in record)
     waves = waves_of(track, shortest, longest, points)
     frequency, transfer, growth = transfers(vehicle, speed, waves.wavenumber, damper, record)
     if not isinstance(growth, jax.core.Tracer) and growth.ndim == 0 and not float(growth) < 0.0:

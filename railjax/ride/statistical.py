@@ -30,7 +30,7 @@ from ..model.motion import PASSIVE, Motion, wheelset_shape
 from ..model.parameters import bare
 from ..model.track.spectra import LONGEST, SHORTEST
 from ..model.vehicle import Vehicle
-from ..simulation.channels import CHANNELS, check_channel
+from ..simulation.channels import CHANNELS, check_linear_channel
 from .frequency import POINTS, Excitation, FrequencyResponse, an_excitation, read_channels, respond, waves_of
 
 #: of the fixed point: most iterations; share of the new gains that is taken over
@@ -102,11 +102,15 @@ def statistical_linearisation(
         InputError: for other laws, an unknown channel or spectrum, and in single precision.
     """
     require_double_precision("statistical linearisation")
+    if vehicle.profiles is not None:
+        raise InputError(
+            "statistical linearisation takes a constant conicity and a flange's dead band, not profiles; simulate instead"
+        )
     if not answers(damper).memoryless:
         raise InputError(
             f"statistical linearisation takes laws of travel and velocity without memory (PassiveDamper, BalanceLogic without lags), not {type(damper).__name__}"
         )
-    record = tuple(check_channel(name) for name in record)
+    record = tuple(check_linear_channel(name) for name in record)
     waves = waves_of(track, shortest, longest, points)
     frequency, transfer, growth, gains, change = _solved(*bare(vehicle, damper), as_numbers(speed), waves, record)
     if not isinstance(change, jax.core.Tracer) and not float(change) < CONVERGED:

@@ -173,11 +173,11 @@ def finished(
 
 
 def wheelsets_flat(result: Integrated, lanes: int) -> Integrated:
-    """Records and reductions with wheelsets (n, m) as one axis n·m; what has it already stays."""
+    """Records and reductions with wheelsets (n, m) as one axis n·m, and wheels likewise; what has it already stays."""
 
     def flat(name: str, values: Any, lead: int) -> Any:
         channel = name.rpartition(":")[2]
-        if CHANNELS[channel].part != "wheelset":
+        if CHANNELS[channel].part not in ("wheelset", "wheel"):
             return values
         return values.reshape((*values.shape[:lead], -1, *values.shape[values.ndim - lanes :]))
 

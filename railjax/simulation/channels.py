@@ -4,9 +4,11 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..base.errors import InputError, closest
+from ..model.contact.profile_contact import guiding_forces
 from ..model.kinematics import FLOOR_POINTS, UNITS, is_one_stage, lateral_of_floor, layout
 from ..model.motion import Motion
 from ..model.vehicle import Vehicle
@@ -15,8 +17,8 @@ Values = Float[Array, "..."]
 
 
 class Channel(NamedTuple):
-    """A recordable quantity: `read` gives (*lanes), (points, *lanes), (n, *lanes) or (n, m, *lanes) as `part` is carbody,
-    floor, bogie or wheelset."""
+    """A recordable quantity: `read` gives (*lanes), (points, *lanes), (n, *lanes), (n, m, *lanes) or (n, m, 2, *lanes) as `part` is
+    carbody, floor, bogie, wheelset or wheel (right, left)."""
 
     unit: str
     part: str
@@ -52,8 +54,25 @@ CHANNELS: dict[str, Channel] = _coordinates() | {
     # force of the track on the wheelset: creep and flange
     "guiding_force": Channel("N", "wheelset", lambda instant: -instant.contact.lateral),
     "flange_force": Channel("N", "wheelset", lambda instant: -instant.contact.flange),
+    # of the wheel that is nearer to sliding, on profiles
     "creep_saturation": Channel("1", "wheelset", lambda instant: instant.contact.saturation),
+    # on profiles: Q, Y of a wheel on its rail, positive outwards, and Y/Q; the sum of Y, to the right, is the guiding force of the opposite sign
+    "wheel_load": Channel("N", "wheel", lambda instant: _of_wheels(instant)[0]),
+    "wheel_lateral_force": Channel("N", "wheel", lambda instant: _of_wheels(instant)[1]),
+    "derailment_quotient": Channel("1", "wheel", lambda instant: _quotient(*_of_wheels(instant))),
 }
+
+
+def _of_wheels(instant: Motion) -> tuple[Values, Values]:
+    load, lateral = guiding_forces(instant.vehicle, instant.contact, instant.wheels)
+    return jnp.moveaxis(load, 0, 2), jnp.moveaxis(lateral, 0, 2)
+
+
+def _quotient(load: Values, lateral: Values) -> Values:
+    """Y/Q; 0 where the wheel has lifted off."""
+    on = load > 0.0
+    return jnp.where(on, lateral / jnp.where(on, load, 1.0), 0.0)
+
 
 #: part -> names of its places, of parts whose places have names
 PLACES = {"floor": FLOOR_POINTS}
@@ -67,13 +86,37 @@ def has_channel(vehicle: Vehicle, name: str) -> bool:
     shapes = layout(vehicle)
     parts = {group.split("_")[0] for group in shapes} | ({"bogie", "floor"} if "carbody_y" in shapes else set())
     parts |= {"floor"} if is_one_stage(vehicle) else set()
+    if CHANNELS[name].part == "wheel":
+        return has_wheels(vehicle)
     return CHANNELS[name].part in parts and not (name in UNAVAILABLE and len(parts) == 1)
 
 
+def has_wheels(vehicle: Vehicle) -> bool:
+    """Whether its wheels have channels: on profiles, and where forces are not those of the tangent at rest."""
+    return vehicle.profiles is not None and vehicle.contact.law != "linear"
+
+
+def absent(vehicle: Vehicle, name: str) -> str:
+    """Why a vehicle lacks a channel, as the end of a message."""
+    part = CHANNELS[name].part
+    if part != "wheel":
+        return f"this vehicle's {part} is held"
+    return "the forces of single wheels are known on profiles only (railjax.with_profiles), and not with the linear contact law"
+
+
+def places_of(part: str, count: int) -> list[str] | None:
+    """Names of a part's places, where they have any."""
+    if part == "wheel":
+        return [f"{k // 2 + 1} {('right', 'left')[k % 2]}" for k in range(count)]
+    return list(PLACES[part]) if part in PLACES else None
+
+
 def shape_of(name: str, vehicle: Vehicle) -> tuple[int, ...]:
-    """Shape of a channel before its lanes, as `Channel.read` gives it: (), (3,), (n,) or (n, m)."""
+    """Shape of a channel before its lanes, as `Channel.read` gives it: (), (3,), (n,), (n, m) or (n, m, 2)."""
     n, m = len(vehicle.geometry.bogie_pattern), len(vehicle.geometry.axle_pattern)
-    return {"carbody": (), "floor": (len(FLOOR_POINTS),), "bogie": (n,), "wheelset": (n, m)}[CHANNELS[name].part]
+    return {"carbody": (), "floor": (len(FLOOR_POINTS),), "bogie": (n,), "wheelset": (n, m), "wheel": (n, m, 2)}[
+        CHANNELS[name].part
+    ]
 
 
 def rows_of_state(vehicle: Vehicle) -> dict[str, slice]:
@@ -103,6 +146,13 @@ def check_channel(name: str) -> str:
     if name not in CHANNELS:
         near = closest(name, CHANNELS)
         raise InputError(f"unknown channel {name!r}; did you mean {near!r}?")
+    return name
+
+
+def check_linear_channel(name: str) -> str:
+    """As `check_channel`, of what is read near straight running: forces of single wheels, which are not small there, are not."""
+    if CHANNELS[check_channel(name)].part == "wheel":
+        raise InputError(f"channel {name!r} is known in simulations only, not in frequency responses; simulate instead")
     return name
 
 

@@ -16,7 +16,7 @@ from ..base.fields import structure
 from ..base.typing import Number
 from ..base.units import KMH
 from .blocks import Sampled
-from .channels import CHANNELS, PLACES, check_channel, has_channel
+from .channels import CHANNELS, absent, check_channel, has_channel, places_of
 from .speed import SpeedProfile
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class Simulation:
             )
         vehicle = self.sampled.parameters[0]
         if not has_channel(vehicle, name):
-            raise InputError(f"channel {name!r}: this vehicle's {CHANNELS[name].part} is held")
+            raise InputError(f"channel {name!r}: {absent(vehicle, name)}")
         read = self.__dict__.setdefault("_read", {})  # no field: not a part of the pytree
         if name not in read:
             read |= {one: jax.device_put(values) for one, values in self.sampled.channels((name,)).items()}
@@ -104,7 +104,7 @@ class Simulation:
         return "\n".join(lines)
 
     def to_xarray(self) -> "xarray.Dataset":
-        """A labelled dataset: dimensions time (s), floor, bogie, wheelset, lane; units in the attributes."""
+        """A labelled dataset: dimensions time (s), floor, bogie, wheelset, wheel, lane; units in the attributes."""
         import xarray
 
         lane = ("lane",) if self.code.ndim else ()
@@ -121,8 +121,8 @@ class Simulation:
             {"meaning": ", ".join(f"{r.value} {r.name.lower()}" for r in Result)},
         )
         coordinates: dict[str, Any] = {"time": ("time", np.asarray(self.time), {"units": "s"})}
-        dimensions = {name for names, *_ in variables.values() for name in names}
-        coordinates |= {part: list(names) for part, names in PLACES.items() if part in dimensions}
+        sizes = {name: size for names, values, *_ in variables.values() for name, size in zip(names, values.shape, strict=True)}
+        coordinates |= {part: names for part, size in sizes.items() if (names := places_of(part, size)) is not None}
         if not isinstance(self.speed, SpeedProfile):
             speed = np.asarray(self.speed)
             coordinates["speed"] = (lane if speed.ndim else (), speed, {"units": "m/s"})

@@ -23,7 +23,7 @@ from ..model.parameters import without_labels
 from ..model.track.shapes import TangentTrack, Track
 from ..model.vehicle import Vehicle
 from .blocks import Sampled, finished, lane_shape, wheelsets_flat
-from .channels import CHANNELS, check_channel, has_channel, parse_reduction
+from .channels import absent, check_channel, has_channel, parse_reduction
 from .integrate import Integrated, Plan, integrated
 from .result import Result, Simulation
 from .speed import Speed, SpeedProfile, a_speed
@@ -266,5 +266,5 @@ def _plan(
             raise InputError(f"duration {duration:g} s must be a whole number of samples of {sample:g} s")
     for name in [check_channel(name) for name in record] + [parse_reduction(name)[1] for name in reduce]:
         if not has_channel(vehicle, name):
-            raise InputError(f"channel {name!r}: this vehicle's {CHANNELS[name].part} is held")
+            raise InputError(f"channel {name!r}: {absent(vehicle, name)}")
     return Plan(steps // every, every, record, reduce)

@@ -124,7 +124,7 @@ def _response(
     label: str, speeds: Any, track: Any, channel: str, weighting: str | None, factor: Scalar, method: str, run: dict[str, Any]
 ) -> Quantity:
     check_channel(channel)
-    if CHANNELS[channel].part not in ("carbody", "floor", "bogie", "wheelset"):
+    if CHANNELS[channel].part not in ("carbody", "floor", "bogie", "wheelset", "wheel"):
         raise InputError(f"channel {channel!r} is not one of a vehicle's")
     if not (np.isfinite(factor) and factor > 0):
         raise InputError(f"peak_factor must be positive, not {factor}")

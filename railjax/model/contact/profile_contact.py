@@ -22,7 +22,7 @@ Wheelsets = Float[Array, "..."]
 Wheels = Float[Array, "..."]
 
 #: functions of a table, in the order of its rows' last axis; those of wheels for the right and then for the left one
-SHARED = ("radius", "normal", "roll", "roll_rate")
+SHARED = ("radius", "normal", "acting", "roll_rate")
 OF_WHEEL = ("moved", "sine", "secant", "longitudinal", "lateral", "lateral_spin", "spin")
 # 18: XLA makes vectors of a row of so many, which of 12 or 16 it does not
 FUNCTIONS = len(SHARED) + 2 * len(OF_WHEEL)
@@ -38,8 +38,8 @@ class ContactAt(NamedTuple):
 
     radius: Wheelsets  # (r_R - r_L)/2, m
     normal: Wheelsets  # lateral resistance of the normal forces over the axle load: what lifts the wheelset
-    roll: Wheelsets  # rad, right side up
-    roll_rate: Wheelsets  # d roll/dy, rad/m
+    acting: Wheelsets  # share of lateral creep forces that acts on y: 1 + r_0 roll' on rails that do not give way
+    roll_rate: Wheelsets  # d roll/dy, rad/m, right side up
     moved: Wheels  # lateral way of the wheel's surface over its rail by dy: 1 - u' + r_0 roll'
     sine: Wheels  # sin of the contact angle, positive where the wheel rises towards its flange
     secant: Wheels  # 1/cos of it
@@ -121,9 +121,11 @@ def profile_contact(
 
         xi_x = ±(e psi'/v + (r_R - r_L)/(2 r_0)),  xi_y = ((1 - u' + r_0 roll') y'/v - psi)/cos delta,  xi_s = psi'/v ∓ sin delta/r_0
 
-    where u' is how far the rail gives way. Kalker's forces f_11 xi_x and f_33 xi_y + f_12 xi_s are saturated together per wheel at mu N
-    (Shen, Hedrick and Elkins), N = Q_s/cos delta. By virtual work they act on y with the factor that y' has in xi_y, which contains what the
-    transfer of load does to the normals; these resist with W d(rise)/dy, and with -e psi (Q_R tan delta_R + Q_L tan delta_L) on psi.
+    where u' is how far the rail gives way by dy. Kalker's forces f_11 xi_x and f_33 xi_y + f_12 xi_s are saturated together per wheel at mu N
+    (Shen, Hedrick and Elkins). The normal force N follows from the wheel's load Q_s and what creep carries of it, Q_s from the moments about
+    the wheelset's axis. By virtual work lateral creep forces T act on y with (1 + r_0 roll')T/cos delta, roll' of rigid rails, which contains
+    what the load that they transfer does to the normals; these resist with W d(rise)/dy on y, and on psi with
+    -e psi (Q_R tan delta_R + Q_L tan delta_L).
 
     The contact law "linear" is the tangent of all that at rest.
 
@@ -156,6 +158,17 @@ def wheel_loads(vehicle: Vehicle, lateral: Wheelsets, rolled: Wheelsets) -> Whee
     return vehicle.contact.wheel_load + _signs(lateral) * transfer
 
 
+def guiding_forces(vehicle: Vehicle, force: ContactForce, wheels: OfWheels | None) -> tuple[Wheels, Wheels]:
+    """Q and Y of each wheel on its rail, N, (2, n, m, *lanes); Y is positive outwards, to the field side.
+
+    Q holds the roll against the lateral force that the wheelset, its inertia included, has on the rails: Y_R = T_R/cos delta_R + Q_R tan
+    delta_R of the creep force T that acts in the plane of the contact, and on the left likewise outwards.
+    """
+    assert wheels is not None
+    load, signs = wheel_loads(vehicle, force.lateral, wheels.rolled), _signs(force.lateral)
+    return load, signs * wheels.lateral_force * jnp.sqrt(1.0 + wheels.tangent**2) + load * wheels.tangent
+
+
 def _signs(like: Wheelsets) -> Wheels:
     """1 for the right wheel, -1 for the left one, before the axes of wheelsets."""
     return jnp.asarray(np.array([1.0, -1.0]).reshape((2,) + (1,) * like.ndim), like.dtype)
@@ -181,7 +194,7 @@ def _forces(vehicle: Vehicle, slowness: Scalar, seen: _Seen) -> tuple[Creepage, 
     longitudinal, lateral = factor * longitudinal, factor * lateral
     turned = factor * (at.spin * spin - at.lateral_spin * across) - half_gauge * seen.psi * (loads * tangent)
     guiding = 2.0 * load * at.normal + contact.flange_stiffness * _beyond(vehicle, seen.y)
-    force, moment = _both(at.moved * at.secant * lateral) + guiding, _both(half_gauge * longitudinal + turned)
+    force, moment = at.acting * _both(at.secant * lateral) + guiding, _both(half_gauge * longitudinal + turned)
     if vehicle.gyroscopic:
         # the spin v/r_0 turns with the roll, as in `motion.gyroscopic_coupling`
         coupled = vehicle.wheelset.spin_inertia / (slowness**2 * radius) * at.roll_rate

@@ -16,7 +16,7 @@ import numpy as np
 from ...base.arguments import guarded
 from ...base.checks import FLAG, traced
 from ...base.errors import InputError
-from ...base.namespace import constant, known
+from ...base.namespace import constant, known, namespace
 from ...base.precision import require_double_precision
 from ...base.typing import Scalar, Values
 from ..consistency import VEHICLE
@@ -46,7 +46,7 @@ ODD = 1e-6
 NORMAL = SHARED.index("normal")
 
 #: sign of each function in the mirror, where wheels change places
-MIRRORED = np.array([-1.0, -1.0, -1.0, 1.0] + [1.0] * 2 * len(OF_WHEEL))
+MIRRORED = np.array([-1.0, -1.0, 1.0, 1.0] + [1.0] * 2 * len(OF_WHEEL))
 #: powers of 1 - t in powers of t
 REVERSED = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, -1.0, -2.0, -3.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, -1.0]])
 SWAPPED = np.array([*range(len(SHARED)), *(len(SHARED) + 2 * k + 1 - w for k in range(len(OF_WHEEL)) for w in range(2))])
@@ -117,7 +117,9 @@ def with_profiles(
         with jax.enable_x64(True):
             values = _values(np, known(given))
     alike = not any(isinstance(one, (tuple, list)) or np.ndim(one) for one in (wheel, rail, radius, inclination))
-    return _carried(vehicle, values, alike, simplified, _given(wheel, rail, numbers, inclination))
+    xp = namespace(values)
+    angle = xp.min(xp.max(geometry.contact_angle, axis=0))
+    return _carried(vehicle, values, angle, alike, simplified, _given(wheel, rail, numbers, inclination))
 
 
 class _Place(NamedTuple):
@@ -224,7 +226,7 @@ def _functions(xp: ModuleType, at: Values, lean: Lean, load: Values, radii: Valu
     # the rail that is leant on gives way
     share = 0.5 + 0.5 * xp.stack([lean.rise, -lean.rise]) / xp.sqrt(lean.rise**2 + LEANING**2)
     moved = 1.0 - share * yielding + xp.mean(radii) * roll_rate
-    shared = 0.5 * (found.radius[0] - found.radius[1]), lean.rise, found.pose.roll, roll_rate
+    shared = 0.5 * (found.radius[0] - found.radius[1]), lean.rise, 1.0 + xp.mean(radii) * lean.roll, roll_rate
     wheels = moved, xp.sin(found.angle), 1.0 / cosine, *creep
     return xp.stack([*shared, *(one[k] for one in wheels for k in range(2)), at], axis=1)
 
@@ -232,7 +234,7 @@ def _functions(xp: ModuleType, at: Values, lean: Lean, load: Values, radii: Valu
 _compiled = jax.jit(functools.partial(_values, jnp))
 
 
-def _carried(vehicle: Vehicle, found: Values, alike: bool, simplified: bool, given: tuple) -> Vehicle:
+def _carried(vehicle: Vehicle, found: Values, angle: Values, alike: bool, simplified: bool, given: tuple) -> Vehicle:
     """The vehicle with the functions in a table."""
     xp = np if isinstance(found, np.ndarray) else jnp
     values, rigid = found[:, :FUNCTIONS], found[:, -1]
@@ -243,7 +245,7 @@ def _carried(vehicle: Vehicle, found: Values, alike: bool, simplified: bool, giv
         # no normal force, roll or contact angle; wheels move as the wheelset does
         kept, plain = np.ones(FUNCTIONS), np.zeros(FUNCTIONS)
         kept[1 : len(SHARED) + 6] = 0.0
-        plain[[len(SHARED), len(SHARED) + 1, len(SHARED) + 4, len(SHARED) + 5]] = 1.0
+        plain[[SHARED.index("acting"), len(SHARED), len(SHARED) + 1, len(SHARED) + 4, len(SHARED) + 5]] = 1.0
         values = kept * values + plain
     step = Y[1] - Y[0]
     slope = step * (slopes_of(len(Y), step) @ values)
@@ -256,8 +258,15 @@ def _carried(vehicle: Vehicle, found: Values, alike: bool, simplified: bool, giv
     touching = 0.5 * constant(xp, rigid[xp.argmax(normal > FLANGE)] - rigid[len(Y) - 1 - xp.argmax(normal[::-1] < -FLANGE)])
     clearance = vehicle.contact.flange_clearance
     profiles = Profiles(
-        Y[0], step, rows, _rest(xp, values[:, 0], slope[:, 0] / step), xp.asarray(Y)[xp.argmax(by_y)], xp.where(flanged, Y[-1], clearance), given
-    )  # fmt: skip
+        start=Y[0],
+        step=step,
+        rows=rows,
+        rest=_rest(xp, values[:, 0], slope[:, 0] / step),
+        steepest=xp.asarray(Y)[xp.argmax(by_y)],
+        last=xp.where(flanged, Y[-1], clearance),
+        flange_angle=angle,
+        given=given,
+    )
 
     def at_rest(column: Values) -> Values:
         return _interpolated(xp, profiles.rest, column)

@@ -27,6 +27,7 @@ from .criteria import (
     SHORTEST,
     Criterion,
     Given,
+    nadal_limit,
 )
 from .record import RunningRecord, check_record, record_of_run
 from .result import Acceptance, Finding, Values
@@ -45,7 +46,8 @@ def default_section(speed: Number) -> Values:
 def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1.0, **options: Any) -> Acceptance:
     """Assess a simulated run, or every lane of a batch: `acceptance_of_record` with the vehicle's axle load and bogie mass.
 
-    P = 2 Q; M is the bogie frame with its wheelsets.
+    P = 2 Q; M is the bogie frame with its wheelsets. On profiles Y/Q of each wheel is assessed by Nadal's limit of the flange's angle and the
+    friction.
 
     Args:
         vehicle: the vehicle that ran.
@@ -59,6 +61,8 @@ def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1
     """
     mass = vehicle.bogie.mass + len(vehicle.geometry.axle_pattern) * vehicle.wheelset.mass
     given = {"axle_load": 2.0 * vehicle.contact.wheel_load, "bogie_mass": mass, "prudhomme_factor": prudhomme_factor}
+    if vehicle.profiles is not None:
+        given["derailment_limit"] = nadal_limit(vehicle.profiles.flange_angle, vehicle.contact.friction)
     return acceptance_of_record(record_of_run(vehicle, run), **given, **options)
 
 
@@ -69,6 +73,7 @@ def acceptance_of_record(
     axle_load: Number | None = None,
     bogie_mass: Number | None = None,
     prudhomme_factor: float = 1.0,
+    derailment_limit: Number = 0.8,
     section_length: float | None = None,
     margin: float = MARGIN,
     hunting_frequency: float | None = None,
@@ -83,6 +88,7 @@ def acceptance_of_record(
         axle_load: P, N, one or one per lane; needed with guiding forces.
         bogie_mass: M with its wheelsets, kg, one or one per lane; needed with bogie accelerations.
         prudhomme_factor: α of the limit α (10 kN + P/3), dimensionless: 1, for wagons 0.85.
+        derailment_limit: of Y/Q, dimensionless, one or one per lane: 0.8 (recalled), or Nadal's.
         section_length: of the track sections, m, 70 or more; by default 250 up to 220 km/h and 500 beyond (UIC 518, recalled).
         margin: at either end, s, filtered but not assessed, for transients of start and filters; by default 5.
         hunting_frequency: f0 of the instability criterion, Hz; by default the highest peak of SumY's spectrum (without SumY, of
@@ -99,6 +105,7 @@ def acceptance_of_record(
         None if axle_load is None else _by_lane("axle_load", axle_load, lanes),
         None if bogie_mass is None else _by_lane("bogie_mass", bogie_mass, lanes),
         _positive("prudhomme_factor", prudhomme_factor),
+        _by_lane("derailment_limit", derailment_limit, lanes),
     )
     if "guiding_force" in signals and given.axle_load is None:
         raise InputError("axle_load is needed for the limits of guiding forces, N")
@@ -169,7 +176,7 @@ def _assess(criterion: Criterion, signals: dict[str, Values], frame: _Frame, f0:
         window, part = np.unravel_index(np.argmax(per_window), per_window.shape)
         worst = per_window[window, part]
         return worst, worst, float(part + 1), frame.margin * frame.speed + starts[window]
-    if criterion.signal == "guiding_force":
+    if criterion.signal in ("guiding_force", "derailment_quotient"):
         starts, values = sliding_mean(values, spacing, *MEAN_OVER)
         position = starts + 0.5 * MEAN_OVER[0]
     else:

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
+import numpy as np
+
 from ...base.typing import Number
 
 #: lowest sampling rate, Hz (EN 14363, recalled): ten times the highest corner
@@ -16,8 +18,9 @@ MEAN_OVER, RMS_OVER = (2.0, 0.5), (100.0, 10.0)
 #: half width of the instability criterion's band, Hz, and its lowest frequency
 HALF_BAND, LOWEST = 2.0, 0.4
 
+#: of records without the forces of single wheels
+NO_WHEELS = "Y/Q and the guiding force Y of one wheel: the record has the sum of both wheels only; vehicles on profiles have them"
 NOT_ASSESSED = (
-    "Y/Q and the guiding force Y of one wheel: the model has the sum of both wheels only",
     "Q, vertical accelerations, quasi-static forces in curves: no vertical dynamics, no curves, no cant",
     "test zones in curves, worn profiles, the conicities, cant deficiencies and loads that the standard asks for",
 )
@@ -29,6 +32,7 @@ class Given(NamedTuple):
     axle_load: Number | None  # P = 2 Q, N
     bogie_mass: Number | None  # M, with its wheelsets, kg
     prudhomme_factor: float  # α
+    derailment_limit: Number = 0.8  # of Y/Q
 
 
 def prudhomme_limit(axle_load: Number, factor: float = 1.0) -> Number:
@@ -39,6 +43,13 @@ def prudhomme_limit(axle_load: Number, factor: float = 1.0) -> Number:
 def bogie_limit(bogie_mass: Number) -> Number:
     """12 - M/5 in m/s^2 with M in t; `bogie_mass` in kg."""
     return 12.0 - bogie_mass / 5e3
+
+
+def nadal_limit(flange_angle: Number, friction: Number) -> Number:
+    """Y/Q at which a wheel begins to climb (Nadal 1908): (tan δ - μ)/(1 + μ tan δ), of the flange's angle δ in rad; 1.2 for 70° and
+    a friction of 0.3, 0.8 for 60° and 0.36."""
+    slope = np.tan(flange_angle)
+    return (slope - friction) / (1.0 + friction * slope)
 
 
 class Criterion(NamedTuple):
@@ -62,6 +73,11 @@ CRITERIA: dict[str, Criterion] = {
         "sum of guiding forces SumY, 2 m mean", "N", "guiding_force", (None, 20.0), "percentiles", 3.0,
         lambda given: prudhomme_limit(given.axle_load, given.prudhomme_factor),
         f"filter, mean and percentiles {_READ}; limit published (Prud'homme; read in secondary texts); alpha and k {_RECALLED}",
+    ),
+    "derailment": Criterion(
+        "derailment quotient Y/Q, 2 m mean", "1", "derailment_quotient", (None, 20.0), "percentiles", 3.0,
+        lambda given: given.derailment_limit,
+        f"filter, mean and percentiles {_READ}; k {_RECALLED}; limit Nadal's of flange angle and friction, or 0.8 {_RECALLED}",
     ),
     "bogie_safety": Criterion(
         "bogie frame acceleration over the axles", "m/s^2", "bogie_acceleration", (None, 10.0), "percentiles", 3.0,
@@ -91,4 +107,9 @@ CRITERIA: dict[str, Criterion] = {
 }  # fmt: skip
 
 #: signal -> how its second axis is counted
-PLACES = {"guiding_force": "wheelset", "bogie_acceleration": "axle", "carbody_acceleration": "bogie"}
+PLACES = {
+    "guiding_force": "wheelset",
+    "derailment_quotient": "wheel",
+    "bogie_acceleration": "axle",
+    "carbody_acceleration": "bogie",
+}

@@ -12,6 +12,7 @@ from ...base.errors import InputError
 from ...base.typing import Number
 from ...model.kinematics import deflections, layout
 from ...model.vehicle import Vehicle
+from ...simulation.channels import has_wheels
 from ...simulation.simulate import Simulation
 from ...simulation.speed import SpeedProfile
 from .criteria import PLACES, SAMPLING
@@ -24,8 +25,9 @@ class RunningRecord:
     """Time histories of a run at constant speed, simulated or measured, in SI units.
 
     `speed` in m/s (a number, or one per lane), `sampling_rate` in Hz, arrays (samples, parts, *lanes): `guiding_force` SumY of
-    each wheelset in N, lateral accelerations in m/s^2 of the bogie frames over each axle and of the car body over each bogie;
-    None where it was not measured. `ok` is False for lanes to be left out (a diverged simulation).
+    each wheelset in N, lateral accelerations in m/s^2 of the bogie frames over each axle and of the car body over each bogie,
+    `derailment_quotient` Y/Q of each wheel (right and left of the first wheelset, of the second, ...), Y positive outwards; None where
+    it was not measured. `ok` is False for lanes to be left out (a diverged simulation).
     """
 
     speed: Number
@@ -33,6 +35,7 @@ class RunningRecord:
     guiding_force: Any = None  # N
     bogie_acceleration: Any = None  # m/s^2
     carbody_acceleration: Any = None  # m/s^2
+    derailment_quotient: Any = None  # Y/Q
     ok: Any = True  # per lane: a number or bool, False leaves it out
     name: str = ""
 
@@ -47,7 +50,8 @@ def acceptance_channels(vehicle: Vehicle) -> tuple[str, ...]:
     """The channels that `acceptance` reads of a run of this vehicle: `simulate(..., record=acceptance_channels(vehicle))`."""
     groups = layout(vehicle)
     floor = ("floor_acceleration",) if "carbody_y" in groups else ()
-    return ("guiding_force", *floor, *(name + "_acceleration" for name in groups if name.startswith("bogie")))
+    wheels = ("derailment_quotient",) if has_wheels(vehicle) else ()
+    return ("guiding_force", *wheels, *floor, *(name + "_acceleration" for name in groups if name.startswith("bogie")))
 
 
 def record_of_run(vehicle: Vehicle, run: Simulation) -> RunningRecord:
@@ -72,6 +76,7 @@ def record_of_run(vehicle: Vehicle, run: Simulation) -> RunningRecord:
         guiding_force=force,
         bogie_acceleration=None if vehicle.bogie.held else _over_axles(vehicle, groups),
         carbody_acceleration=None if vehicle.carbody.held else jnp.asarray(run["floor_acceleration"])[:, [0, -1]],
+        derailment_quotient=jnp.asarray(run["derailment_quotient"]) if has_wheels(vehicle) else None,
         ok=run.ok,
         name=vehicle.name,
     )

@@ -10,12 +10,12 @@ from ...base.arguments import guarded
 from ...base.checks import whole
 from ...base.errors import InputError
 from ...base.units import KMH
-from .criteria import CRITERIA, NOT_ASSESSED, PLACES, RMS_OVER
+from .criteria import CRITERIA, NO_WHEELS, NOT_ASSESSED, PLACES, RMS_OVER
 
 Values = Float[np.ndarray, "..."]
 
 #: SI unit -> printed unit and factor
-PRINTED = {"N": ("kN", 1e-3), "m/s^2": ("m/s^2", 1.0)}
+PRINTED = {"N": ("kN", 1e-3), "m/s^2": ("m/s^2", 1.0), "1": ("1", 1.0)}
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,14 @@ class Acceptance:
     def notes(self) -> list[str]:
         """What has to be known beside the numbers."""
         few = self.ok & (self.sections < self.minimum_sections)
-        absent = [criterion.name for key, criterion in CRITERIA.items() if key not in self.findings]
+        wheels = () if "derailment" in self.findings else (NO_WHEELS,)
+        absent = [criterion.name for key, criterion in CRITERIA.items() if key not in self.findings and key != "derailment"]
         return [
             "In the manner of UIC 518 / EN 14363, on straight track; no certificate. Limits and factors k are recalled; as_dict() names the sources.",
             *([f"No sound run (diverged, or dt too large): {np.sum(~self.ok)} lane(s)."] if not np.all(self.ok) else []),
             *([f"Fewer than {self.minimum_sections} sections: too few to estimate a maximum."] if np.any(few) else []),
             *([f"Not in the record: {', '.join(absent)}."] if absent else []),
-            *(f"Not assessed: {entry}." for entry in NOT_ASSESSED),
+            *(f"Not assessed: {entry}." for entry in (*wheels, *NOT_ASSESSED)),
         ]
 
     def __str__(self) -> str:

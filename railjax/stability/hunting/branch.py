@@ -122,12 +122,13 @@ def hunting_branch(
     pieces = tuple(tuple(cycles[id(point)] for point in piece) for piece in (below, above) if piece)
     pieces = ((*first, *pieces[0]), *pieces[1:])
     turning = tuple(cycles[id(fold)] for fold in folds)
+    smooth = vehicle.contact.law == "smooth" and vehicle.profiles is None
     return Branch(
         vehicle_name=vehicle.name,
         hopf=hopf,
         criticality=criticality,
         slope_at_hopf=slope,
-        lyapunov=first_lyapunov_coefficient(vehicle, damper, hopf) if vehicle.contact.law == "smooth" and not isolated else None,
+        lyapunov=first_lyapunov_coefficient(vehicle, damper, hopf) if smooth and not isolated else None,
         pieces=pieces,
         folds=turning,
         events=tuple(event for piece in pieces for event in _events(piece, turning, shooting.symmetric)),

@@ -45,6 +45,10 @@ def first_lyapunov_coefficient(vehicle: Vehicle, damper: Damper = PASSIVE, hopf:
             f'the first Lyapunov coefficient needs contact.law = "smooth", not "{vehicle.contact.law}": the Vermeulen-Johnson law '
             "has a kink at zero creep, which makes amplitude grow in proportion to the speed difference"
         )
+    if vehicle.profiles is not None:
+        raise InputError(
+            "the first Lyapunov coefficient needs third derivatives, which the table of profiles has not; draw hunting_branch"
+        )
     hopf = linear_critical(vehicle, damper=damper) if hopf is None else hopf
     speed, omega = float(hopf.speed), 2.0 * np.pi * float(hopf.frequency)
     matrix = np.asarray(state_matrix(vehicle, speed, damper))
