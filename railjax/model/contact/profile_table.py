@@ -261,7 +261,7 @@ def _carried(vehicle: Vehicle, found: Values, angle: Values, alike: bool, simpli
         start=Y[0],
         step=step,
         rows=rows,
-        rest=_rest(xp, values[:, 0], slope[:, 0] / step),
+        rest=_rest(xp, rows),
         steepest=xp.asarray(Y)[xp.argmax(by_y)],
         last=xp.where(flanged, Y[-1], clearance),
         flange_angle=angle,
@@ -295,14 +295,20 @@ def _interpolated(xp: ModuleType, y: Values, column: Values) -> Values:
     return xp.interp(y, Y, column)
 
 
-def _rest(xp: ModuleType, radius: Values, slope: Values) -> Values:
+def _rest(xp: ModuleType, rows: Values) -> Values:
     """The y nearest the middle at which both rolling radii are the same; 0 where there is none."""
-    left = xp.arange(len(Y) - 1)
-    changes = constant(xp, radius[:-1] * radius[1:] <= 0.0)
-    distance = xp.where(changes, xp.abs(left + 0.5 - 0.5 * (len(Y) - 1)), np.inf)
-    at = xp.argmin(distance)
-    low, high = radius[at], radius[at + 1]
-    share = xp.where(high == low, 0.0, -low / xp.where(high == low, 1.0, high - low))
+    count = rows.shape[0]
+    low, high = constant(xp, (rows[:, 0, 0], xp.sum(rows[:, :, 0], axis=1)))
+    changes = low * high <= 0.0
+    at = xp.argmin(xp.where(changes, xp.abs(xp.arange(count) + 0.5 - 0.5 * count), np.inf))
+    a, b, c, d = (rows[at, k, 0] for k in range(4))
+    apart = high[at] - low[at]
+    share = xp.where(apart == 0.0, 0.0, -low[at] / xp.where(apart == 0.0, 1.0, apart))
+    for _ in range(3):  # the last step has the derivatives
+        share = constant(xp, share)
+        slope = constant(xp, b + share * (2.0 * c + 3.0 * share * d))
+        flat = slope == 0.0
+        share = share - xp.where(flat, 0.0, (a + share * (b + share * (c + share * d))) / xp.where(flat, 1.0, slope))
     return xp.where(xp.any(changes), Y[0] + (Y[1] - Y[0]) * (at + share), 0.0)
 
 
