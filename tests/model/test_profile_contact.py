@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -109,3 +110,75 @@ def test_cones_are_a_constant_conicity(coach, slope):
     np.testing.assert_allclose(constant.contact.conicity, slope * gain, rtol=6e-3)
     np.testing.assert_allclose(at_rest.moved, 1.0 + 0.46 * slope / 0.75 * gain, rtol=3e-3)
     np.testing.assert_allclose(at_rest.sine, np.sin(np.arctan(slope)), rtol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def profiled():
+    return railjax.load_vehicle("manchester-1-profiles")
+
+
+def test_channels_of_wheels(profiled, coach):
+    """Loads add up to the axle load, Y to the guiding force, but for the mean over contacts that are passing from place to place."""
+    names = ("wheel_load", "wheel_lateral_force", "derailment_quotient", "guiding_force")
+    run = railjax.simulate(profiled, 75.0, duration=1.0, initial={"wheelset_y": 7e-3}, record=names, reduce=("peak:wheel_load",))
+    load, lateral, quotient, guiding = (np.asarray(run[name]) for name in names)
+    assert load.shape == (100, 8)
+    assert run["peak:wheel_load"].shape == (8,)
+    np.testing.assert_allclose(load[:, 0::2] + load[:, 1::2], 2.0 * profiled.contact.wheel_load, rtol=1e-12)
+    np.testing.assert_allclose(lateral[:, 1::2] - lateral[:, 0::2], guiding, atol=0.05 * np.abs(guiding).max())
+    np.testing.assert_allclose(quotient, lateral / load, rtol=1e-12)
+    assert list(run.to_xarray().wheel.values[:3]) == ["1 right", "1 left", "2 right"]
+    with pytest.raises(railjax.InputError, match="on profiles only"):
+        railjax.simulate(coach, 60.0, duration=0.1, record=("wheel_load",))
+    with pytest.raises(railjax.InputError, match="simulate instead"):
+        railjax.frequency_response(profiled, 50.0, "erri-low", record=("wheel_load",))
+
+
+def test_assessment_by_nadal(profiled):
+    record = railjax.acceptance_channels(profiled)
+    run = railjax.simulate(profiled, 75.0, duration=10.0, sample=5e-3, initial={"wheelset_y": 7e-3}, record=record)
+    found = railjax.acceptance(profiled, run, section_length=100.0, margin=1.0, minimum_sections=3)
+    slope = np.tan(np.radians(70.0))  # of S1002's flange
+    assert found.findings["derailment"].limit == pytest.approx((slope - 0.3) / (1.0 + 0.3 * slope), rel=1e-6)
+    assert 0.05 < found.findings["derailment"].value < 1.0
+    assert "derailment quotient Y/Q" in str(found)
+    assert "sum of both wheels only" not in str(found)
+
+
+FILE = """
+name = "own"
+base = "manchester-1"
+[contact.profiles]
+wheel = "wheel.csv"
+rail = "60E1"
+gauge_mm = 1434
+"""
+
+
+def test_vehicle_files(tmp_path, profiled, wheelset):
+    """Profiles beside the vehicle's file; what the file gives once; and the text of a vehicle file makes the same vehicle."""
+    wheel = WheelProfile.load("S1002")
+    np.savetxt(tmp_path / "wheel.csv", 1e3 * np.stack([wheel.lateral, -wheel.height], axis=1)[::10], delimiter=",")
+    path = tmp_path / "own.toml"
+    path.write_text(FILE)
+    own = railjax.load_vehicle(path)
+    assert "wheel.csv on 60E1 1:40, gauge 1434 mm" in str(own) or "gauge 1434 mm" in str(own)
+    assert not [entry for entry in own.provenance if entry.parameter == "contact.conicity"]
+    again = tmp_path / "again.toml"
+    again.write_text(railjax.vehicle_toml(profiled, name="again"))
+    for one, other in zip(jax.tree.leaves(profiled), jax.tree.leaves(railjax.load_vehicle(again)), strict=True):
+        np.testing.assert_array_equal(one, other)
+    for wrong, message in (
+        ("gauge_mm = 1434\ninclination = 0.025", "write 40 for 1:40"),
+        ("gauge = 1.434", "unknown key 'gauge'.*gauge_mm"),
+        ("gauge_mm = 1.434", "millimetres"),
+        ("gauge_mm = 1434\n[contact]\nconicity = 0.1", "beside"),
+        ("gauge_mm = 1434\nflange_back_mm = 1415", "own.toml: contact.profiles"),
+    ):
+        text = FILE.replace("gauge_mm = 1434", wrong)
+        if "[contact]" in wrong:
+            text = FILE.replace("[contact.profiles]", "[contact]\nconicity = 0.1\n[contact.profiles]")
+        path.write_text(text)
+        with pytest.raises(railjax.InputError, match=message) as error:
+            railjax.load_vehicle(path)
+        assert "\n" not in str(error.value)

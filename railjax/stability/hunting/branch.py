@@ -206,12 +206,12 @@ class _Tracer:
         shape, omega = self.mode
         period, speed = 2.0 * np.pi / omega, ENTRY * self.speed
         steps = steps_of_period(self.model, speed, period)
-        problem = attractors.settled(self.model, self.shooting, shape * self.clearance, period, speed, steps)
+        problem = attractors.settled(self.model, self.shooting, shape * self.clearance + self.model.rest, period, speed, steps)
         entry = solved(self.model, self.shooting, problem)
         furthest = np.inf
         if not entry.usable:
             furthest = highest
-            entry = self._of_slow_bogies(attractors.Start(self.model, shape, period, speed, steps))
+            entry = self._of_slow_bogies(attractors.Start(self.model, shape + self.model.rest, period, speed, steps))
         if not (entry.usable and entry.unknowns[-1] * SPEED > self.speed):
             raise NumericalError(
                 f"no limit cycle found at {ENTRY:g} times the linear critical speed: the motion there is not periodic within "
@@ -236,7 +236,7 @@ class _Tracer:
 
     def _growing(self, fold: Point) -> Point:
         """The fold in the direction in which the wheelset that moves most moves more: that of the stable limit cycles."""
-        moved = fold.unknowns[self.model.displacements]
+        moved = fold.unknowns[self.model.displacements] - self.model.offset / DISPLACEMENT
         most = np.argmax(np.abs(moved))
         along = fold.direction[self.model.displacements][most] * moved[most]
         return fold._replace(direction=fold.direction * np.sign(along))
@@ -271,7 +271,7 @@ class _Tracer:
         return points
 
     def _small(self, point: Point) -> bool:
-        return point.amplitude < DOWN_TO * self.clearance
+        return point.amplitude - self.model.offset < DOWN_TO * self.clearance
 
     def _from_hopf(self) -> tuple[list[Point], list[Point]]:
         """From near the Hopf point down to it as far as it goes, and up to the fold at its lowest speed; with all folds."""

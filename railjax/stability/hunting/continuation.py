@@ -63,8 +63,8 @@ def near_hopf(
     model: Model, shooting: Shooting, shape: Float[np.ndarray, "states"], omega: float, speed: float, amplitude: float
 ) -> OrbitProblem:
     """The orbit of a given amplitude (m) that grows out of a mode; its direction is that of rising amplitude."""
-    guess = pack(model, shooting, Orbit(shape * amplitude, 2.0 * np.pi / omega, speed))
-    return OrbitProblem(guess, row_of(model, shooting, BY_AMPLITUDE), amplitude / DISPLACEMENT)
+    guess = pack(model, shooting, Orbit(shape * amplitude + model.rest, 2.0 * np.pi / omega, speed))
+    return OrbitProblem(guess, row_of(model, shooting, BY_AMPLITUDE), (amplitude + model.offset) / DISPLACEMENT)
 
 
 def next_orbit(model: Model, shooting: Shooting, point: Point, step: float) -> OrbitProblem:

@@ -77,19 +77,21 @@ class FoldSearch:
                     state, omega = wheelset_mode(self.model, self.shooting, speed)
                     steps = steps_of_period(self.model, speed, 2.0 * np.pi / omega)
                 for displacement in largest:
-                    yield from self._starts(state, 2.0 * np.pi / omega, speed, displacement, steps)
+                    yield from self._starts(state + self.model.rest, 2.0 * np.pi / omega, speed, displacement, steps)
             return
         orbit = unpack(self.model, self.shooting, self.fold.unknowns)
         period, speed = float(orbit.period), float(orbit.speed)
         states = one_period(self.model, orbit, steps_of_period(self.model, speed, period))
-        displaced = np.max(np.abs(states[:, self.model.displacements]), axis=1)
+        displaced = np.max(np.abs(states[:, self.model.displacements] - self.model.offset), axis=1)
         state, most = states[np.argmax(displaced)], float(np.max(displaced))
         steps = steps_of_period(self.model, ABOUT_FOLD[0] * speed, period)  # the slower, the more
         for share in ABOUT_FOLD:
             displacement = LARGE * max(clearance, most) if share < NEAR_FOLD else most
             yield from self._starts(state, period, share * speed, displacement, steps)
             if share >= FROM_REST:
-                yield from self._starts(displaced_wheelsets(self.model), period, share * speed, clearance, steps)
+                yield from self._starts(
+                    displaced_wheelsets(self.model) + self.model.rest, period, share * speed, clearance, steps
+                )
 
     def _speeds(self) -> Float[np.ndarray, "speeds"]:
         """Those at which motions are tried as long as no fold is known, m/s."""

@@ -26,7 +26,7 @@ from .continuation import hunting_mode
 from .floquet import Floquet, multipliers_of
 from .fold_search import steps_of_period
 from .nonlinear_critical import default_wheelset
-from .orbits import DISPLACEMENT, Model, Shooting, rounded, unpack
+from .orbits import DISPLACEMENT, Model, Orbit, Shooting, pack, rounded, unpack
 from .settling import settled
 from .shooting import Point, amplitude_slopes, at_speed, largest_displacement, solved
 
@@ -287,7 +287,12 @@ def limit_cycle_amplitude(vehicle: Vehicle, damper: Damper, speed: Number, steps
 
 
 def _amplitudes(lanes: Sequence[tuple], slopes: bool, wheelset: int, steps: int) -> Answer:
-    found = in_threads(lambda lane: _amplitude_of(Model(*lane[0]), float(lane[1]), Shooting(steps, wheelset), slopes), lanes)
+    def one(lane: Any) -> tuple[float, list[np.ndarray]]:
+        model = Model(*lane[0])
+        shooting = Shooting(steps if model.alike else 2 * steps, wheelset, model.alike)
+        return _amplitude_of(model, float(lane[1]), shooting, slopes)
+
+    found = in_threads(one, lanes)
     values, by_numbers = zip(*found, strict=True)
     return Answer((np.array(values),), list(by_numbers) if slopes else None)
 
@@ -298,13 +303,14 @@ def _amplitude_of(model: Model, speed: float, shooting: Shooting, slopes: bool) 
     shape, omega = hunting_mode(model, shooting, speed)
     clearance = float(model.vehicle.contact.flange_clearance)
     period = 2.0 * np.pi / omega
-    problem = settled(model, shooting, shape * clearance, period, speed, steps_of_period(model, speed, period))
+    problem = settled(model, shooting, shape * clearance + model.rest, period, speed, steps_of_period(model, speed, period))
     point = solved(model, shooting, problem)
     if point.usable and largest_displacement(model, point) > AT_REST * clearance:
         sign = np.sign(point.amplitude)
         by_numbers = jax.tree.leaves(amplitude_slopes(model, shooting, point)) if slopes else []
         return abs(point.amplitude), [*(np.asarray(sign * slope) for slope in by_numbers), np.zeros(())]
-    at_rest = point.usable or np.max(np.abs(problem.guess[:-2])) * DISPLACEMENT < AT_REST * clearance
+    resting = pack(model, shooting, Orbit(model.rest, 0.0, 0.0))
+    at_rest = point.usable or np.max(np.abs((problem.guess - resting)[:-2])) * DISPLACEMENT < AT_REST * clearance
     return 0.0 if at_rest else np.nan, none
 
 

@@ -125,10 +125,22 @@ class Model:
         profiles = dataclasses.replace(self.vehicle.profiles, rows=rows)  # type: ignore[type-var]
         return dataclasses.replace(self, vehicle=dataclasses.replace(self.vehicle, profiles=profiles))
 
-    @property
+    @functools.cached_property
     def alike(self) -> bool:
         """Whether the vehicle is alike to both sides, as but for its profiles it always is."""
         return self.vehicle.profiles is None or is_odd(self.vehicle.profiles)
+
+    @functools.cached_property
+    def offset(self) -> float:
+        """Lateral displacement of the wheelsets of straight running, m: 0 but for wheels that are not alike."""
+        return 0.0 if self.alike else float(self.vehicle.profiles.rest)
+
+    @functools.cached_property
+    def rest(self) -> Float[np.ndarray, "states"]:
+        """The state of straight running."""
+        state = np.zeros(self.states)
+        state[self.displacements] = self.offset
+        return state
 
     def amplitude_index(self, wheelset: int) -> int:
         """Where the lateral displacement of a wheelset, counted from the front, stands in the state."""

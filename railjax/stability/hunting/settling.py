@@ -131,7 +131,7 @@ class _Batch:
         self.x = np.zeros((len(first.state), CHUNK))
         self.slowness, self.dt = lanes / first.speed, lanes * first.period / SAMPLES
         self.every = every
-        self.at = model.displacements
+        self.at, self.offset = model.displacements, model.offset
         self.periods: deque[np.ndarray] = deque(maxlen=HISTORY)
 
     def begin(self, k: int, entry: tuple[int, Start] | None) -> _Lane | None:
@@ -150,7 +150,7 @@ class _Batch:
         states, self.x = np.asarray(states), np.array(x)  # type: ignore[assignment]
         first = self.periods[-1][-1:] if self.periods else states[:1]
         self.periods.append(states)
-        y = np.abs(np.concatenate([first, states, self.x[None]])[:, self.at])
+        y = np.abs(np.concatenate([first, states, self.x[None]])[:, self.at] - self.offset)
         left, top, right = y[:-2], y[1:-1], y[2:]
         # the tops of the parabolas through three samples
         curved = 2.0 * top - left - right
@@ -200,14 +200,14 @@ def _end(shooting: Shooting, start: Start, history: Float[np.ndarray, "samples s
     """The orbit from the mean of the last turns of the wheelset that moves most, those to the left seen in the mirror, so that the car
     body's slow sway, which dies out long after the wheelsets have settled, cancels; it begins where the wheelset that measures turns."""
     model, dt = start.model, start.period / SAMPLES
-    most = model.displacements.start + int(np.argmax(np.max(np.abs(history[:, model.displacements]), axis=0)))
-    turns, length = _turns(history[:, most])
+    most = model.displacements.start + int(np.argmax(np.max(np.abs(history[:, model.displacements] - model.offset), axis=0)))
+    turns, length = _turns(history[:, most] - model.offset)
     if len(turns) < 2 or displacement < start.rest:
         return End(pack(model, shooting, Orbit(history[0], start.period, start.speed)), displacement, False)
     if not shooting.symmetric:
-        turns = [turn for turn in turns if history[turn, most] > 0.0]
+        turns = [turn for turn in turns if history[turn, most] > model.offset]
     states = [_at_turn(model, history, turn, most, dt, start.speed) for turn in turns[-TURNS:]]
-    state = np.mean([state if state[most] > 0.0 else model.mirror * state for state in states], axis=0)
+    state = np.mean([state if state[most] > model.offset else model.mirror * state for state in states], axis=0)
     orbit, index = Orbit(state, length * dt, start.speed), model.amplitude_index(shooting.wheelset)
     if most != index:
         history = one_period(model, orbit, start.steps)
@@ -221,7 +221,7 @@ def _at_turn(
 ) -> Float[np.ndarray, "states"]:
     """The state at the instant, next to a sample, where the displacement `index` turns: found by the flow itself, for between samples a
     flange may strike."""
-    rate, side = index + size(model.vehicle), np.sign(history[turn, index])
+    rate, side = index + size(model.vehicle), np.sign(history[turn, index] - model.offset)
     before = turn if side * history[turn, rate] > 0.0 else turn - 1
     (early, rising), (late, falling) = ((k * dt, side * history[before + k, rate]) for k in (0, 1))
     state = history[turn]
@@ -259,19 +259,20 @@ def settled(
 
 
 def patterns(model: Model, state: Float[np.ndarray, "states"], displacement: float) -> Float[np.ndarray, "patterns states"]:
-    """Starts made of the motion of the bogie that moves most: all bogies alike, neighbours opposite, and each by itself.
+    """Starts made of the motion about rest of the bogie that moves most: all bogies alike, neighbours opposite, and each by itself.
 
     The largest displacement of its wheelsets becomes `displacement` (m); the car body and the dampers' internal states stay.
     """
     own, shared = _parts(model)
     bogies = len(own)
+    state = state - model.rest
     moved = np.max(np.abs(state[model.displacements]).reshape(bogies, -1), axis=1)
     most = np.argmax(moved)
     motion = state[own[most]] * displacement / moved[most]
     signs = [np.ones(bogies)] if bogies == 1 else [np.ones(bogies), (-1.0) ** np.arange(bogies), *np.eye(bogies)]
     starts = np.tile(state * shared, (len(signs), 1))
     starts[:, own] = np.array(signs)[:, :, None] * motion
-    return starts
+    return starts + model.rest
 
 
 def displaced_wheelsets(model: Model) -> Float[np.ndarray, "states"]:

@@ -198,5 +198,5 @@ def at_speed(model: Model, shooting: Shooting, guess: Float[np.ndarray, "unknown
 
 
 def largest_displacement(model: Model, point: Point) -> float:
-    """Largest lateral displacement of any wheelset at the instant of the point, m."""
-    return float(np.max(np.abs(point.unknowns[model.displacements]))) * DISPLACEMENT
+    """Largest lateral displacement of any wheelset from rest at the instant of the point, m."""
+    return float(np.max(np.abs(point.unknowns[model.displacements] - model.offset / DISPLACEMENT))) * DISPLACEMENT
