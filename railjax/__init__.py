@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .model.contact.conicity import equivalent_conicity, nonlinearity_parameter
     from .model.contact.geometry import ContactGeometry, contact_geometry
     from .model.contact.kalker import contact_ellipse, creep_coefficients, kalker_coefficients
+    from .model.contact.profile_table import with_profiles
     from .model.contact.profiles import RailProfile, WheelProfile
     from .model.contact.table import ContactTable
     from .model.damper import Damper, PassiveDamper, Seen
@@ -208,6 +209,7 @@ __all__ = [
     "weighted_rms",
     "weighting",
     "weighting_filter",
+    "with_profiles",
     "worst",
 ]
 
@@ -273,6 +275,7 @@ _NAMES = {
     "ride.weightings": "weighting weighting_filter",
     "model.contact.conicity": "equivalent_conicity nonlinearity_parameter",
     "model.contact.geometry": "ContactGeometry contact_geometry",
+    "model.contact.profile_table": "with_profiles",
     "model.contact.profiles": "RailProfile WheelProfile",
     "model.contact.table": "ContactTable",
 }

@@ -90,7 +90,7 @@ def parameters(vehicle: Vehicle | None = None) -> Iterator[tuple[str, dataclasse
 
 def without_labels(vehicle: Vehicle) -> Vehicle:
     """The vehicle without name, note and provenance, so that two vehicles of one structure share compiled code."""
-    profiles = None if vehicle.profiles is None else dataclasses.replace(vehicle.profiles, label="")
+    profiles = None if vehicle.profiles is None else dataclasses.replace(vehicle.profiles, given=())
     return dataclasses.replace(vehicle, name="", note="", provenance=(), profiles=profiles)
 
 

@@ -9,7 +9,7 @@ Springs and dampers are per side: a bogie has two secondary corners, a wheelset 
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import jax
 
@@ -202,7 +202,15 @@ class Profiles:
     rest: Number  # m; y of straight running, 0 where both sides are alike
     steepest: Number  # m; y where the lateral force rises most: what bounds the step of RK4
     last: Number  # m; displacement beyond which functions stay as they are and the rail's stiffness k_f acts alone
-    label: str = structure("")
+    given: tuple[tuple[str, Any], ...] = structure(())  # what they were made of, as in [contact.profiles] of a vehicle file
+
+    def __str__(self) -> str:
+        given = dict(self.given)
+        pairs = [given.get(key, "?") for key in ("wheel", "rail")]
+        wheel, rail = (one if isinstance(one, str) else " and ".join(one) for one in pairs)
+        slope, gauge = given.get("inclination"), given.get("gauge_mm")
+        inclined = f" 1:{slope:g}" if isinstance(slope, float) and slope else ""
+        return f"{wheel} on {rail}{inclined}" + (f", gauge {gauge:g} mm" if gauge is not None else "")
 
 
 @dataclass(frozen=True)
@@ -250,7 +258,7 @@ class Vehicle:
         lines = [f"Vehicle {self.name or '(unnamed)'}: {bogies} bogie(s) of {axles} axle(s), {self.contact.law} contact"]
         lines += [f"  held: {', '.join(held)}"] if held else []
         lines += [f"  with {', '.join(self._elements())}"] if self._elements() else []
-        lines += [f"  profiles: {self.profiles.label}"] if self.profiles is not None else []
+        lines += [f"  profiles: {self.profiles}"] if self.profiles is not None else []
         lines += [f"  not from the source: {', '.join(doubtful)}"] if doubtful else []
         return "\n".join(lines)
 

@@ -24,6 +24,7 @@ from ..base.units import keys_of
 from ..model.consistency import bump_stop_table, consistent
 from ..model.contact import kalker
 from ..model.vehicle import OPTIONAL, PARTS, Provenance, Vehicle
+from .profiles import CLEARANCE, FROM_PROFILES, given_profiles, on_profiles
 from .values import Table, hertz, structure
 
 #: keys of a file beside the tables of parameters
@@ -108,7 +109,7 @@ def _read(name: str, beside: Path, chain: list[str]) -> tuple[Table, str]:
     raw, key, folder = _raw(name, beside)
     if key in chain:
         raise InputError(f"{name}: 'base' leads back to the file itself; remove the circle")
-    tables = _convert(raw, name)
+    tables = _convert(raw, name, folder)
     if "base" in raw:
         below, _ = _read(raw["base"], folder, [*chain, key])
         tables = _merge(below, tables)
@@ -121,19 +122,24 @@ def _merge(below: Table, above: Table) -> Table:
     removed = tuple(f"{part}." for part in OPTIONAL if above.get(part) is False)
     if "hertz" in contact:
         given |= {f"contact.{name}" for name in CREEP}
+    profiles, others = contact.get("profiles"), below.get("contact", {}).get("profiles")
+    if profiles:
+        given |= {f"contact.{name}" for name in (*FROM_PROFILES, "flange_clearance")}
     merged = {key: value for key, value in below.items() if key not in OWN}
     sources = below.get("provenance", {})
     kept = {name: entry for name, entry in sources.items() if name not in given and not name.startswith(removed)}
     merged["provenance"] = kept
     for key, value in above.items():
         merged[key] = {**(merged.get(key) or {}), **value} if isinstance(value, dict) else value
+    if profiles and others:
+        merged["contact"]["profiles"] = {**others, **profiles}
     # an ellipse or coefficients given above take the place of the other below
     if any(name in contact for name in CREEP):
         merged["contact"].pop("hertz", None)
     return merged
 
 
-def _convert(raw: Table, where: str) -> Table:
+def _convert(raw: Table, where: str, folder: Path) -> Table:
     """Keys without units, values in SI; every key and value checked."""
     tables: Table = {}
     faults: list[str] = []
@@ -148,7 +154,7 @@ def _convert(raw: Table, where: str) -> Table:
             elif key in PARTS:
                 if not isinstance(value, dict):
                     raise InputError(f"{where}: {key} must be a table, written [{key}]")
-                tables[key] = _convert_part(key, value, where)
+                tables[key] = _convert_part(key, value, where, folder)
             else:
                 raise InputError(f"{where}: unknown key {key!r}{nearest(key, [*TOP, *PARTS])}")
     for parameter, entry in tables.get("provenance", {}).items():
@@ -175,21 +181,25 @@ def _check_provenance(parameter: str, entry: Any, where: str) -> None:
         raise InputError(f"{name}.note must be a string, not {shown(entry['note'])}")
 
 
-def _convert_part(part: str, table: Table, where: str) -> Table:
+def _convert_part(part: str, table: Table, where: str, folder: Path) -> Table:
     values: Table = {}
     faults: list[str] = []
     for key, value in table.items():
         with collecting(faults):
-            _convert_value(part, key, value, values, where)
+            _convert_value(part, key, value, values, where, folder)
     if faults:
         raise InputError(*faults)
     twice = [name for name in CREEP if name in values and "hertz" in values]
     if twice:
         raise InputError(f"{where}: contact.{twice[0]} is given beside [contact.hertz], its source; keep one")
+    source = "profiles" if values.get("profiles") else None
+    also = [key for key in (*FROM_PROFILES, "hertz") if source and key in values]
+    if also:
+        raise InputError(f"{where}: contact.{also[0]} is given beside [contact.profiles], its source; keep one")
     return values
 
 
-def _convert_value(part: str, key: str, value: Any, values: Table, where: str) -> None:
+def _convert_value(part: str, key: str, value: Any, values: Table, where: str, folder: Path) -> None:
     """Put one key's value into `values`, by its field and in SI."""
     accepted = keys_by_unit(PARTS[part])
     others = {f.name: f for f in dataclasses.fields(PARTS[part]) if f.metadata.get("static")}
@@ -203,6 +213,8 @@ def _convert_value(part: str, key: str, value: Any, values: Table, where: str) -
         values[key] = structure(others[key], value, name)
     elif part == "contact" and key == "hertz":
         values[key] = hertz(value, name)
+    elif part == "contact" and key == "profiles":
+        values[key] = value if value is False else given_profiles(value, name, folder)
     else:
         # `mass` or `mass_g`: the field is known, the unit is not
         known = {field.name for field, _ in accepted.values()}
@@ -252,7 +264,13 @@ def _of(parts: Table, parameter: str) -> Any:
 
 def _build(tables: Table, where: str) -> Vehicle:
     tables = {key: dict(value) if isinstance(value, dict) else value for key, value in tables.items()}
-    if "hertz" in tables.get("contact", {}):
+    profiles = tables.get("contact", {}).pop("profiles", None)
+    if profiles:
+        # what they give themselves
+        tables["contact"] |= dict.fromkeys(FROM_PROFILES, 1.0)
+        tables["contact"].pop("hertz", None)
+        tables["contact"].setdefault("flange_clearance", CLEARANCE)
+    elif "hertz" in tables.get("contact", {}):
         tables["contact"] |= _creep(tables, where)
         del tables["contact"]["hertz"]
     parts: Table = {}
@@ -270,7 +288,7 @@ def _build(tables: Table, where: str) -> Vehicle:
         for parameter, entry in tables.get("provenance", {}).items()
         if "value" not in entry or np.array_equal(entry["value"], _of(parts, parameter))
     )
-    return Vehicle(
+    vehicle = Vehicle(
         **parts,
         gyroscopic=tables.get("gyroscopic", False),
         gravitational=tables.get("gravitational", False),
@@ -278,3 +296,4 @@ def _build(tables: Table, where: str) -> Vehicle:
         note=tables.get("note", ""),
         provenance=provenance,
     )
+    return on_profiles(vehicle, profiles, where) if profiles else vehicle

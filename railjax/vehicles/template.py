@@ -12,6 +12,7 @@ from ..base.arguments import guarded
 from ..base.units import SUFFIXES, handy
 from ..model.consistency import a_vehicle
 from ..model.vehicle import PARTS, Vehicle
+from .profiles import FROM_PROFILES, PROFILE_KEYS
 from .values import HERTZ_KEYS
 
 WIDTH = 110  # of the comments
@@ -26,6 +27,7 @@ PROVENANCE = """\
 Where values are from: "published", "recalled", "assumed" or "calibrated". An entry with a value (SI) holds only as long as the \
 parameter has it, so one that you change above loses its mark; write another if you like."""
 
+PROFILED = "Instead of conicity, creep coefficients and the flange's clearance, from profiles of wheel and rail:"
 HERTZ = "Instead of the four creep coefficients, from the contact ellipse of this wheel load:"
 
 
@@ -50,7 +52,9 @@ def vehicle_toml(vehicle: Vehicle, *, name: str = "", source: str = "") -> str:
         if isinstance(field.default, bool):
             lines.append(_line(f"{field.name} = {_text(getattr(vehicle, field.name))}", field.metadata["meaning"]))
     for part, kind in PARTS.items():
-        lines += ["", *_comment(inspect.cleandoc(kind.__doc__ or "")), *_part(part, kind, getattr(vehicle, part), marks)]
+        off = FROM_PROFILES if part == "contact" and vehicle.profiles is not None else ()
+        lines += ["", *_comment(inspect.cleandoc(kind.__doc__ or "")), *_part(part, kind, getattr(vehicle, part), marks, off)]
+    lines += ["", *_comment(PROFILED), *_profiles(vehicle)]
     lines += ["", *_comment(HERTZ), "# [contact.hertz]", *(f"# {key} =" for key in HERTZ_KEYS)]
     if vehicle.provenance:
         lines += ["", *_comment(PROVENANCE), "[provenance]"]
@@ -61,8 +65,19 @@ def vehicle_toml(vehicle: Vehicle, *, name: str = "", source: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _part(part: str, kind: type, values: Any, marks: dict[str, str]) -> list[str]:
-    """Table of a part; one that the vehicle does without is switched off."""
+def _profiles(vehicle: Vehicle) -> list[str]:
+    """[contact.profiles], switched off where the vehicle has none."""
+    given = {} if vehicle.profiles is None else dict(vehicle.profiles.given)
+    mark = "" if given else "# "
+    lines = [f"{mark}[contact.profiles]"]
+    for key, meaning in PROFILE_KEYS.items():
+        value = given.get(key)
+        lines.append(_line(f"{key} =" if value is None else f"{key} = {_text(value)}", meaning, off=value is None))
+    return lines
+
+
+def _part(part: str, kind: type, values: Any, marks: dict[str, str], off_too: tuple[str, ...] = ()) -> list[str]:
+    """Table of a part; one that the vehicle does without is switched off, and what is not to be given."""
     off = values is None
     lines = [f"# [{part}]" if off else f"[{part}]"]
     held = getattr(values, "held", False)
@@ -79,7 +94,7 @@ def _part(part: str, kind: type, values: Any, marks: dict[str, str]) -> list[str
         mark = marks.get(f"{part}.{field.name}")
         remark += f" ({mark})" if mark and value is not None else ""
         # a held body has 1.0 where its file gives no inertia
-        unused = value is None or (held and value == 1.0)
+        unused = value is None or (held and value == 1.0) or field.name in off_too
         lines.append(_line(_assignment(field.name, None if unused else value, about["unit"]), remark, off=unused))
     return lines
 

@@ -250,7 +250,7 @@ def process(*arguments, **environment):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("railjax critical-speed coach-", ["coach-mpe2019", "coach-table1"]),
+        ("railjax critical-speed coach-", ["coach-mpe2019", "coach-s1002", "coach-table1"]),
         ("railjax simulate coach --damper skyhook", ["skyhook", "skyhook-continuous"]),
         ("railjax acceptance coach --track err", ["erri-low", "erri-high"]),
         ("railjax ve", ["vehicles"]),

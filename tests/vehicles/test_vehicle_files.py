@@ -41,7 +41,8 @@ def leaves(vehicle):
 
 def test_packaged_vehicles_load():
     assert railjax.packaged_vehicles() == [
-        "coach", "coach-mpe2019", "coach-table1", "cooperrider-bogie", "crh380a", "manchester-1", "single-wheelset"
+        "coach", "coach-mpe2019", "coach-s1002", "coach-table1", "cooperrider-bogie", "crh380a", "manchester-1",
+        "manchester-1-profiles", "single-wheelset"
     ]  # fmt: skip
     for name in railjax.packaged_vehicles():
         vehicle = railjax.load_vehicle(name)

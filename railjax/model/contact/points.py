@@ -404,7 +404,7 @@ def leaning(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) ->
 def risen(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) -> tuple[Places, Pose]:
     """`Lean.rise` alone, and the pose at which it is: found by Newton steps from one nearby."""
     for _ in range(AT_Y):
-        rise, _, (height, roll) = _leant(xp, side, y, pose, width)
+        height, roll = _leant(xp, side, y, pose, width)[2]
         pose = Pose(pose.height + xp.clip(height, -MOST_HEIGHT, MOST_HEIGHT), pose.roll + xp.clip(roll, -MOST_ROLL, MOST_ROLL))
     return _leant(xp, side, y, pose, width)[0], pose
 

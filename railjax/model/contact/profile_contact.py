@@ -22,14 +22,15 @@ Wheelsets = Float[Array, "..."]
 Wheels = Float[Array, "..."]
 
 #: functions of a table, in the order of its rows' last axis; those of wheels for the right and then for the left one
-SHARED = ("radius", "normal", "roll_rate", "yielding")
-OF_WHEEL = ("sine", "longitudinal", "lateral", "lateral_spin")
+SHARED = ("radius", "normal", "roll", "roll_rate")
+OF_WHEEL = ("moved", "sine", "secant", "longitudinal", "lateral", "lateral_spin", "spin")
+# 18: XLA makes vectors of a row of so many, which of 12 or 16 it does not
 FUNCTIONS = len(SHARED) + 2 * len(OF_WHEEL)
 
 #: share of the static load below which no wheel comes, and above which none, as far as creep forces go
 LEAST_LOAD, MOST_LOAD = 0.05, 1.95
-#: lateral force of the normals over the axle load at which one rail carries most of it
-LEANING = 0.1
+#: of its load without creep forces that the normal force is divided by at least, as where climbing jams
+LEAST_SHARE = 0.5
 
 
 class ContactAt(NamedTuple):
@@ -37,12 +38,15 @@ class ContactAt(NamedTuple):
 
     radius: Wheelsets  # (r_R - r_L)/2, m
     normal: Wheelsets  # lateral resistance of the normal forces over the axle load: what lifts the wheelset
-    roll_rate: Wheelsets  # d roll/dy, rad/m, right side up
-    yielding: Wheelsets  # share of dy that the rails give way
+    roll: Wheelsets  # rad, right side up
+    roll_rate: Wheelsets  # d roll/dy, rad/m
+    moved: Wheels  # lateral way of the wheel's surface over its rail by dy: 1 - u' + r_0 roll'
     sine: Wheels  # sin of the contact angle, positive where the wheel rises towards its flange
+    secant: Wheels  # 1/cos of it
     longitudinal: Wheels  # Kalker's f_11 of a wheel, N
     lateral: Wheels  # f_33, N
     lateral_spin: Wheels  # f_12, N m
+    spin: Wheels  # f_22, N m^2
 
 
 class OfWheels(NamedTuple):
@@ -58,10 +62,11 @@ class OfWheels(NamedTuple):
 
 def contact_at(profiles: Profiles, y: Wheelsets) -> ContactAt:
     """The functions at displacements y (m) on the track, (n, m, *lanes); beyond the table's ends those of the ends."""
-    place = (y - profiles.start) / profiles.step
     count = jnp.shape(profiles.rows)[0]
+    # not within an interval, at whose ends the derivative of `clip` is halved
+    place = jnp.clip((y - profiles.start) / profiles.step, 0.0, float(count))
     index = jnp.clip(jnp.floor(place), 0.0, count - 1.0)
-    within = jnp.clip(place - index, 0.0, 1.0)
+    within = place - index
     if jnp.ndim(profiles.rows) == 3:
         values = _shared(profiles.rows, index.astype(jnp.int32), within)
     else:
@@ -159,33 +164,31 @@ def _signs(like: Wheelsets) -> Wheels:
 def _forces(vehicle: Vehicle, slowness: Scalar, seen: _Seen) -> tuple[Creepage, ContactForce, OfWheels]:
     contact, half_gauge, radius = vehicle.contact, vehicle.geometry.half_gauge, vehicle.wheelset.wheel_radius
     at, signs = contact_at(vehicle.profiles, seen.y), _signs(seen.y)
-    secant = 1.0 / jnp.sqrt(1.0 - at.sine**2)
-    tangent = at.sine * secant
-    # the rail that is leant on gives way
-    share = 0.5 + signs * (0.5 * at.normal / jnp.sqrt(at.normal**2 + LEANING**2))
-    moved = 1.0 - share * at.yielding + radius * at.roll_rate
-    slip = moved * seen.drift - seen.psi
+    tangent = at.sine * at.secant
+    across = (at.moved * seen.drift - seen.psi) * at.secant
     spin = seen.turn - signs * at.sine / radius
     along = half_gauge * seen.turn + at.radius / radius
     longitudinal = at.longitudinal * along
-    across = slip * secant
     lateral = at.lateral * across + at.lateral_spin * spin
 
     load = contact.wheel_load
     loads = jnp.clip(wheel_loads(vehicle, seen.guided, seen.rolled), LEAST_LOAD * load, MOST_LOAD * load)
-    most = contact.friction * loads * secant
+    normal = loads * at.secant
+    most = contact.friction * normal
     u, factor = _saturated(_norm(vehicle, (longitudinal**2 + lateral**2) / most**2))
+    # creep forces on inclined contacts carry some of the load, and are as the normal force is
+    factor = factor / jnp.maximum(1.0 - signs * factor * lateral / normal * tangent, LEAST_SHARE)
     longitudinal, lateral = factor * longitudinal, factor * lateral
-    turned = factor * (contact.creep_spin * spin - at.lateral_spin * across) - half_gauge * seen.psi * (loads * tangent)
-    normal = 2.0 * load * at.normal + contact.flange_stiffness * _beyond(vehicle, seen.y)
-    force, moment = _both(moved * secant * lateral) + normal, _both(half_gauge * longitudinal + turned)
+    turned = factor * (at.spin * spin - at.lateral_spin * across) - half_gauge * seen.psi * (loads * tangent)
+    guiding = 2.0 * load * at.normal + contact.flange_stiffness * _beyond(vehicle, seen.y)
+    force, moment = _both(at.moved * at.secant * lateral) + guiding, _both(half_gauge * longitudinal + turned)
     if vehicle.gyroscopic:
         # the spin v/r_0 turns with the roll, as in `motion.gyroscopic_coupling`
         coupled = vehicle.wheelset.spin_inertia / (slowness**2 * radius) * at.roll_rate
         force, moment = force - coupled * seen.turn, moment + coupled * seen.drift
     return (
         Creepage(along, seen.drift - seen.psi, seen.turn),
-        ContactForce(force, moment, normal, jnp.max(u, axis=0)),
+        ContactForce(force, moment, guiding, jnp.max(u, axis=0)),
         OfWheels(across, spin, longitudinal, lateral, tangent, seen.rolled),
     )
 

@@ -19,8 +19,9 @@ from ...base.errors import InputError
 from ...base.namespace import constant, known
 from ...base.precision import require_double_precision
 from ...base.typing import Scalar, Values
+from ..consistency import VEHICLE
 from ..vehicle import Profiles, Vehicle
-from .geometry import FLATTEST, SPREAD, ContactGeometry, Pair, contact_geometry
+from .geometry import FLATTEST, SPREAD, Pair, contact_geometry
 from .kalker import creep_coefficients
 from .points import Lean, Pose, Side, leaning, risen
 from .profile_contact import FUNCTIONS, OF_WHEEL, SHARED
@@ -32,6 +33,8 @@ Y = np.linspace(-12e-3, 12e-3, 481)
 GIVES_WAY = 0.2
 #: lateral force of the normals over the axle load that only a flange gives
 FLANGE = 0.5
+#: lateral force of the normals over the axle load at which one rail carries most of it
+LEANING = 0.1
 #: m to which y_c is found, and most steps of false position for it
 CLOSE, MOST = 1e-10, 40
 #: of these where numbers are traced
@@ -43,11 +46,23 @@ ODD = 1e-6
 NORMAL = SHARED.index("normal")
 
 #: sign of each function in the mirror, where wheels change places
-MIRRORED = np.array([-1.0, -1.0, 1.0, 1.0] + [1.0] * 2 * len(OF_WHEEL))
+MIRRORED = np.array([-1.0, -1.0, -1.0, 1.0] + [1.0] * 2 * len(OF_WHEEL))
+#: powers of 1 - t in powers of t
+REVERSED = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, -1.0, -2.0, -3.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, -1.0]])
 SWAPPED = np.array([*range(len(SHARED)), *(len(SHARED) + 2 * k + 1 - w for k in range(len(OF_WHEEL)) for w in range(2))])
 
 
-@guarded(wheel=None, rail=None, gauge=None, flange_back=None, tread_datum=None, radius=None, inclination=None, simplified=FLAG)
+@guarded(
+    vehicle=VEHICLE,
+    wheel=None,
+    rail=None,
+    gauge=None,
+    flange_back=None,
+    tread_datum=None,
+    radius=None,
+    inclination=None,
+    simplified=FLAG,
+)
 def with_profiles(
     vehicle: Vehicle,
     wheel: Pair = "S1002",
@@ -63,7 +78,7 @@ def with_profiles(
     """The vehicle on profiles instead of a constant conicity: conicity, contact angles, creep coefficients, flange and all.
 
     What was the constant conicity, Kalker's coefficients and the clearance of the flange in `contact` becomes what the profiles have at
-    rest, for information; only f_22 is read. Friction, wheel load and k_f, the rails' stiffness against the flange, stay. Differentiable in
+    rest, for information. Friction, wheel load and k_f, the rails' stiffness against the flange, stay. Differentiable in
     gauge, inclination, radii and the heights of profiles, inside `jit` too, in double precision.
 
     Args:
@@ -80,6 +95,10 @@ def with_profiles(
     Raises:
         InputError: as `contact_geometry`.
     """
+    millimetres = {"gauge_mm": gauge, "flange_back_mm": flange_back, "tread_datum_mm": tread_datum}
+    numbers = {key: value if traced(value) else 1e3 * value for key, value in millimetres.items()}
+    if radius is not None and not traced(radius):
+        numbers["wheel_diameter_mm"] = 2e3 * np.asarray(radius, float)
     radius = vehicle.wheelset.wheel_radius if radius is None else radius
     load, stiffness = vehicle.contact.wheel_load, vehicle.contact.flange_stiffness
     if any(np.ndim(one) for one in (load, stiffness)):
@@ -98,7 +117,7 @@ def with_profiles(
         with jax.enable_x64(True):
             values = _values(np, known(given))
     alike = not any(isinstance(one, (tuple, list)) or np.ndim(one) for one in (wheel, rail, radius, inclination))
-    return _carried(vehicle, values, alike, simplified, _label(geometry, gauge, inclination))
+    return _carried(vehicle, values, alike, simplified, _given(wheel, rail, numbers, inclination))
 
 
 class _Place(NamedTuple):
@@ -107,6 +126,10 @@ class _Place(NamedTuple):
     y: Values
     pose: Pose
     off: Values
+
+
+#: below and above the y that is looked for, and the last one tried
+Ends = tuple[_Place, _Place, _Place]
 
 
 def _yielded(xp: ModuleType, force: Values, load: Values, stiffness: Values) -> Values:
@@ -137,7 +160,7 @@ def _values(xp: ModuleType, given: tuple) -> Values:
         lean = leaning(xp, side, at, pose, width)
     else:
         at, lean = found.y, leaning(xp, side, found.y, found.pose, width)
-    return _functions(xp, at, lean, load)
+    return _functions(xp, at, lean, load, side.radius)
 
 
 def _found(xp: ModuleType, tried: Any, y: Values, pose: Pose) -> _Place:
@@ -151,27 +174,31 @@ def _found(xp: ModuleType, tried: Any, y: Values, pose: Pose) -> _Place:
     def end(k: Values) -> _Place:
         return _Place(y[k] if xp is np else jnp.asarray(y)[k], Pose(there.pose.height[k], there.pose.roll[k]), there.off[k] - y)
 
-    low, high, best = end(index - 1), end(index), end(index)
-    if xp is np:
-        active = np.arange(len(y))
-        for _ in range(MOST):
-            some = [_taken(one, active) for one in (low, high, best)]
-            some = list(_nearer(np, tried, *some, y[active]))
-            for whole, part in zip((low, high, best), some, strict=True):
-                _put(whole, active, part)
-            active = active[np.abs(best.off[active]) > CLOSE]
-            if not active.size:
-                break
-        return best
-    return jax.lax.fori_loop(0, TRACED, lambda _, ends: _nearer(jnp, tried, *ends, jnp.asarray(y)), (low, high, best))[2]
+    ends = end(index - 1), end(index), end(index)
+    if xp is not np:
+        return jax.lax.fori_loop(0, TRACED, lambda _, three: _nearer(jnp, tried, three, jnp.asarray(y)), ends)[2]
+    active = np.arange(len(y))
+    for _ in range(MOST):
+        some = _nearer(np, tried, _taken(ends, active), y[active])
+        for whole, part in zip(jax.tree.leaves(ends), jax.tree.leaves(some), strict=True):
+            whole[active] = part
+        active = active[np.abs(ends[2].off[active]) > CLOSE]
+        if not active.size:
+            break
+    return ends[2]
+
+
+def _taken(ends: Ends, index: Values) -> Ends:
+    return jax.tree.map(lambda leaf: leaf[index], ends)
 
 
 def _rising(xp: ModuleType, values: Values) -> Values:
     return np.maximum.accumulate(values) if xp is np else jax.lax.cummax(values)
 
 
-def _nearer(xp: ModuleType, tried: Any, low: _Place, high: _Place, best: _Place, y: Values) -> tuple[_Place, _Place, _Place]:
+def _nearer(xp: ModuleType, tried: Any, ends: Ends, y: Values) -> Ends:
     """One step of false position (Illinois: an end that stays twice counts half)."""
+    low, high, best = ends
     apart = high.off - low.off
     share = xp.clip(xp.where(apart == 0.0, 0.5, -low.off / xp.where(apart == 0.0, 1.0, apart)), 0.0, 1.0)
     pose = Pose(*(a + share * (b - a) for a, b in zip(low.pose, high.pose, strict=True)))
@@ -186,41 +213,38 @@ def _chosen(xp: ModuleType, first: Values, one: _Place, other: _Place) -> _Place
     return jax.tree.map(lambda a, b: xp.where(first, a, b), one, other)
 
 
-def _taken(place: _Place, index: Values) -> _Place:
-    return jax.tree.map(lambda leaf: leaf[index], place)
-
-
-def _put(place: _Place, index: Values, part: _Place) -> None:
-    for whole, some in zip(jax.tree.leaves(place), jax.tree.leaves(part), strict=True):
-        whole[index] = some
-
-
-def _functions(xp: ModuleType, at: Values, lean: Lean, load: Values) -> Values:
-    """The columns of `profile_contact`, and behind them f_22 of both wheels and y_c."""
+def _functions(xp: ModuleType, at: Values, lean: Lean, load: Values, radii: Values) -> Values:
+    """The columns of `profile_contact`, and behind them y_c."""
     found, slopes = lean.contacts, slopes_of(len(Y), Y[1] - Y[0])
     cosine = xp.cos(found.angle)
     along, across = found.radius / cosine, 1.0 / xp.maximum(found.curvature, FLATTEST)
     creep = jax.jit(creep_coefficients)(*(xp.ravel(one) for one in (load / cosine, along, across)))
-    longitudinal, lateral, lateral_spin, spin = (xp.reshape(xp.asarray(one), cosine.shape) for one in creep)
-    shared = 0.5 * (found.radius[0] - found.radius[1]), lean.rise, slopes @ found.pose.roll, 1.0 - slopes @ at
-    wheels = xp.sin(found.angle), longitudinal, lateral, lateral_spin, spin
+    creep = [xp.reshape(xp.asarray(one), cosine.shape) for one in creep]
+    roll_rate, yielding = slopes @ found.pose.roll, 1.0 - slopes @ at
+    # the rail that is leant on gives way
+    share = 0.5 + 0.5 * xp.stack([lean.rise, -lean.rise]) / xp.sqrt(lean.rise**2 + LEANING**2)
+    moved = 1.0 - share * yielding + xp.mean(radii) * roll_rate
+    shared = 0.5 * (found.radius[0] - found.radius[1]), lean.rise, found.pose.roll, roll_rate
+    wheels = moved, xp.sin(found.angle), 1.0 / cosine, *creep
     return xp.stack([*shared, *(one[k] for one in wheels for k in range(2)), at], axis=1)
 
 
 _compiled = jax.jit(functools.partial(_values, jnp))
 
 
-def _carried(vehicle: Vehicle, found: Values, alike: bool, simplified: bool, label: str) -> Vehicle:
+def _carried(vehicle: Vehicle, found: Values, alike: bool, simplified: bool, given: tuple) -> Vehicle:
     """The vehicle with the functions in a table."""
     xp = np if isinstance(found, np.ndarray) else jnp
-    values, spin, rigid = found[:, :FUNCTIONS], found[:, FUNCTIONS:-1], found[:, -1]
+    values, rigid = found[:, :FUNCTIONS], found[:, -1]
     if alike:
         # to the last digit
         values = 0.5 * (values + MIRRORED * values[::-1, SWAPPED])
     if simplified:
-        kept = np.ones(FUNCTIONS)
-        kept[1 : len(SHARED) + 2] = 0.0
-        values = kept * values
+        # no normal force, roll or contact angle; wheels move as the wheelset does
+        kept, plain = np.ones(FUNCTIONS), np.zeros(FUNCTIONS)
+        kept[1 : len(SHARED) + 6] = 0.0
+        plain[[len(SHARED), len(SHARED) + 1, len(SHARED) + 4, len(SHARED) + 5]] = 1.0
+        values = kept * values + plain
     step = Y[1] - Y[0]
     slope = step * (slopes_of(len(Y), step) @ values)
     low, high, out, into = values[:-1], values[1:], slope[:-1], slope[1:]
@@ -232,20 +256,23 @@ def _carried(vehicle: Vehicle, found: Values, alike: bool, simplified: bool, lab
     touching = 0.5 * constant(xp, rigid[xp.argmax(normal > FLANGE)] - rigid[len(Y) - 1 - xp.argmax(normal[::-1] < -FLANGE)])
     clearance = vehicle.contact.flange_clearance
     profiles = Profiles(
-        Y[0], step, rows, _rest(xp, values[:, 0], slope[:, 0] / step), xp.asarray(Y)[xp.argmax(by_y)], xp.where(flanged, Y[-1], clearance), label
+        Y[0], step, rows, _rest(xp, values[:, 0], slope[:, 0] / step), xp.asarray(Y)[xp.argmax(by_y)], xp.where(flanged, Y[-1], clearance), given
     )  # fmt: skip
 
     def at_rest(column: Values) -> Values:
         return _interpolated(xp, profiles.rest, column)
 
-    wheels = [at_rest(values[:, len(SHARED) + k]) for k in range(2 * len(OF_WHEEL))]
+    def of_wheels(name: str) -> Values:
+        first = len(SHARED) + 2 * OF_WHEEL.index(name)
+        return 0.5 * (at_rest(values[:, first]) + at_rest(values[:, first + 1]))
+
     contact = dataclasses.replace(
         vehicle.contact,
         conicity=at_rest(slope[:, 0] / step),
-        creep_longitudinal=0.5 * (wheels[2] + wheels[3]),
-        creep_lateral=0.5 * (wheels[4] + wheels[5]),
-        creep_lateral_spin=0.5 * (wheels[6] + wheels[7]),
-        creep_spin=0.5 * (at_rest(spin[:, 0]) + at_rest(spin[:, 1])),
+        creep_longitudinal=of_wheels("longitudinal"),
+        creep_lateral=of_wheels("lateral"),
+        creep_lateral_spin=of_wheels("lateral_spin"),
+        creep_spin=of_wheels("spin"),
         flange_clearance=xp.where(flanged, touching, clearance),
     )
     if xp is np:
@@ -279,11 +306,28 @@ def is_odd(profiles: Profiles) -> bool:
     return bool(np.all(np.abs(mirror - values[1:]) <= ODD * scale))
 
 
-def _label(geometry: ContactGeometry, gauge: Scalar, inclination: Any) -> str:
-    (right, left), (rail, other) = geometry.profiles
-    wheels = right.name if right.name == left.name else f"{right.name} and {left.name}"
-    rails = rail.name if rail.name == other.name else f"{rail.name} and {other.name}"
-    said = [f"{wheels} on {rails}"]
-    if not traced(inclination) and np.ndim(inclination) == 0 and inclination:
-        said.append(f"1:{1.0 / float(inclination):g}")
-    return " ".join(said) + ("" if traced(gauge) else f", gauge {1e3 * float(gauge):g} mm")
+def evened(slopes: Profiles) -> Profiles:
+    """Derivatives of something by a table, of which only the half of an orbit was felt that is the mirror image of the other: the mean of
+    them and those that the other half feels."""
+    rows = np.asarray(slopes.rows)
+    mirrored = MIRRORED * np.einsum("kj,ikf->ijf", REVERSED, rows[::-1])[..., SWAPPED]
+    return dataclasses.replace(slopes, rows=0.5 * (rows + mirrored))
+
+
+def _given(wheels: Any, rails: Any, numbers: dict[str, Any], inclination: Any) -> tuple[tuple[str, Any], ...]:
+    """What is known of what a table is made of, in the words of a vehicle file."""
+
+    def names(pair: Any) -> Any:
+        found = tuple(one if isinstance(one, str) else one.name for one in (pair if isinstance(pair, (tuple, list)) else (pair,)))
+        return found[0] if len(set(found)) == 1 else found
+
+    def number(value: Any) -> Any:
+        return tuple(map(float, value)) if np.ndim(value) else float(value)
+
+    said: dict[str, Any] = {"wheel": names(wheels), "rail": names(rails)}
+    if not traced(inclination):
+        slopes = np.atleast_1d(np.asarray(inclination, float))
+        ratios = tuple(1.0 / float(slope) if slope else 0.0 for slope in slopes)
+        said["inclination"] = ratios[0] if len(set(ratios)) == 1 else ratios
+    said |= {key: number(value) for key, value in numbers.items() if value is not None and not traced(value)}
+    return tuple(said.items())

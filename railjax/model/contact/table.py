@@ -79,10 +79,10 @@ class ContactTable:
 
     def _row(self, y: Wheelsets) -> tuple[Array, Array, Array]:
         t = (y - self.start) / self.step
-        index = jnp.clip(jnp.floor(t), 0, self.rows.shape[0] - 1)
-        place = (t - index)[..., None]
-        within = jnp.clip(place, 0.0, 1.0)
-        return within, place - within, jnp.moveaxis(self.rows[index.astype(int)], -1, 0)
+        # clipped at the table's ends only: at those of an interval the derivative of `clip` would be halved
+        inside = jnp.clip(t, 0.0, float(self.rows.shape[0]))
+        index = jnp.clip(jnp.floor(inside), 0, self.rows.shape[0] - 1)
+        return (inside - index)[..., None], (t - inside)[..., None], jnp.moveaxis(self.rows[index.astype(int)], -1, 0)
 
 
 @functools.cache

@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from ...model.kinematics import size
 from ..along_speed import both_at
-from .orbits import DISPLACEMENT, Model, Orbit, Shooting, by_parameters, pack
+from .adjoint import along
+from .orbits import DISPLACEMENT, Model, Orbit, Shooting, pack
 from .settling import displaced_wheelsets
 from .shooting import BY_AMPLITUDE, OrbitProblem, Point, plane, row_of, solution, solved
 
@@ -187,7 +188,7 @@ def _carried_over(model: Model, shooting: Shooting, other: Model, point: Point) 
     while done < 1.0:
         ahead = min(done + step, 1.0)
         here, there = (between(other, model, share) for share in (done, ahead))
-        pushed = by_parameters(here, shooting, point.unknowns) @ change * (ahead - done)
+        pushed = along(here, shooting, point.unknowns, change) * (ahead - done)
         guess = point.unknowns - solution(np.vstack([point.jacobian, row]), np.append(pushed, 0.0))
         found = solved(there, shooting, OrbitProblem(guess, row, float(row @ point.unknowns)), point, FEW_ITERATIONS)
         if found.usable and found.direction @ point.direction > STRAIGHT:

@@ -176,6 +176,7 @@ def search_of(
         speed = HIGHEST
         frequency = wheelset_mode(model, Shooting(FEWEST_STEPS, wheelset), 0.5 * speed)[1] / (2.0 * np.pi)
     half = enough_steps(model, speed, frequency) if steps is None else steps
+    symmetric = symmetric and model.alike
     return FoldSearch(model, Shooting(half if symmetric else 2 * half, wheelset, symmetric), speed, stable)
 
 
@@ -185,16 +186,22 @@ def _many(lanes: Sequence[tuple], slopes: bool, wheelset: int, steps: int | None
     for k, (trees, (speed, frequency, code)) in enumerate(lanes):
         if code in (Stability.OK, Stability.STABLE):
             searches[k] = search_of(Model(*trees), float(speed), float(frequency), wheelset, steps)
-    if searches:
-        search_folds(list(searches.values()))
+    _search(searches)
     if steps is None:
         finer = {k: again for k, search in searches.items() if (again := _finer(search)) is not None}
-        if finer:
-            search_folds(list(finer.values()))
-            searches |= finer
+        _search(finer)
+        searches |= finer
     rows = [_judged(searches.get(k), *(float(value) for value in linear)) for k, (_, linear) in enumerate(lanes)]
     values = tuple(np.array(column) for column in zip(*rows, strict=True))
     return Answer(values, [_slopes(searches.get(k), lane, values[3][k]) for k, lane in enumerate(lanes)] if slopes else None)
+
+
+def _search(searches: dict[int, FoldSearch]) -> None:
+    """Those together whose orbits are looked for in the same way."""
+    for symmetric in (True, False):
+        some = [search for search in searches.values() if search.shooting.symmetric == symmetric]
+        if some:
+            search_folds(some)
 
 
 def _finer(search: FoldSearch) -> FoldSearch | None:
@@ -202,10 +209,10 @@ def _finer(search: FoldSearch) -> FoldSearch | None:
     if search.fold is None:
         return None
     orbit = unpack(search.model, search.shooting, search.fold.unknowns)
-    half = enough_steps(search.model, 2.0 * float(orbit.speed), 1.0 / float(orbit.period))
-    if half <= search.shooting.steps:
+    enough = enough_steps(search.model, 2.0 * float(orbit.speed), 1.0 / float(orbit.period)) * search.shooting.halves
+    if enough <= search.shooting.steps:
         return None
-    return FoldSearch(search.model, dataclasses.replace(search.shooting, steps=half), search.hopf, search.stable)
+    return FoldSearch(search.model, dataclasses.replace(search.shooting, steps=enough), search.hopf, search.stable)
 
 
 def _judged(search: FoldSearch | None, speed: float, frequency: float, code: float) -> tuple[float, float, float, Hunting]:
@@ -218,7 +225,7 @@ def _judged(search: FoldSearch | None, speed: float, frequency: float, code: flo
     orbit = None if fold is None else unpack(search.model, search.shooting, fold.unknowns)
     # where no fold was found it is at the Hopf point that the step is judged
     at = (speed, frequency) if orbit is None else (float(orbit.speed), 1.0 / float(orbit.period))
-    if 0.5 / at[1] / search.shooting.steps * fastest(search.model, at[0]) > STABLE_RADIUS:
+    if 0.5 * search.shooting.halves / at[1] / search.shooting.steps * fastest(search.model, at[0]) > STABLE_RADIUS:
         return np.nan, np.nan, np.nan, Hunting.STEP_TOO_LARGE
     if fold is not None and at[0] < speed:
         return at[0], fold.amplitude, at[1], Hunting.OK

@@ -23,6 +23,7 @@ from jaxtyping import Array, Float, Int
 from ...base.compilation import QUICK, one_kernel, options
 from ...base.packing import Form, numbers_of
 from ...base.typing import Number, Scalar
+from ...model.contact.profile_table import is_odd
 from ...model.damper import Damper, answers
 from ...model.kinematics import layout, size
 from ...model.motion import motion, state_rate, state_size, wheelset_shape
@@ -50,6 +51,11 @@ class Shooting:
     steps: int
     wheelset: int
     symmetric: bool = True
+
+    @property
+    def halves(self) -> int:
+        """Half periods of integration."""
+        return 1 if self.symmetric else 2
 
 
 @jax.tree_util.register_dataclass
@@ -102,6 +108,27 @@ class Model:
             start = 2 * size(self.vehicle) + index * bogies
             signs[start : start + bogies] = 1.0
         return signs
+
+    @functools.cached_property
+    def apart(self) -> tuple["Model", np.ndarray | None]:
+        """The model without the table of its profiles, and that: it is large, and many motions share one."""
+        profiles = self.vehicle.profiles
+        if profiles is None:
+            return self, None
+        without = dataclasses.replace(profiles, rows=None)
+        return dataclasses.replace(self, vehicle=dataclasses.replace(self.vehicle, profiles=without)), np.asarray(profiles.rows)
+
+    def with_table(self, rows: Any) -> "Model":
+        """What `apart` took apart, together again."""
+        if rows is None:
+            return self
+        profiles = dataclasses.replace(self.vehicle.profiles, rows=rows)  # type: ignore[type-var]
+        return dataclasses.replace(self, vehicle=dataclasses.replace(self.vehicle, profiles=profiles))
+
+    @property
+    def alike(self) -> bool:
+        """Whether the vehicle is alike to both sides, as but for its profiles it always is."""
+        return self.vehicle.profiles is None or is_odd(self.vehicle.profiles)
 
     def amplitude_index(self, wheelset: int) -> int:
         """Where the lateral displacement of a wheelset, counted from the front, stands in the state."""
@@ -190,34 +217,35 @@ def flow(
 
 def section(model: Model, shooting: Shooting, orbit: Orbit) -> Float[Array, "states"]:
     """The scaled state half a period later, mirrored (or a whole period later): a fixed point where the orbit closes."""
-    return _section(shooting.symmetric, model, orbit, shooting.steps)[0]
+    return section_of(shooting.symmetric, model, orbit, shooting.steps)[0]
 
 
-def _section(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> tuple[Array, Array]:
+def section_of(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> tuple[Array, Array]:
+    """`section`, and each wheelset's largest lateral displacement, m."""
     share, sign = (0.5, model.mirror) if symmetric else (1.0, 1.0)
     arrived, peaks = flow(model, orbit, share * orbit.period, steps)
     return sign * arrived / model.scales, peaks
 
 
 def _columns(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> tuple[Array, Array, Array]:
-    """`_section` with its derivatives by scaled state, period and speed: one lane a column, last, which share the flow's own arithmetic."""
+    """`section_of` with its derivatives by scaled state, period and speed: one lane a column, last, which share the flow's own arithmetic."""
     scale = model.scales
     states = scale.shape[0]
 
     def of(direction: Float[Array, "columns"]) -> tuple[Array, Array, Array]:
         along = Orbit(direction[:states] * scale, direction[states] * PERIOD, direction[states + 1] * SPEED)
-        (arrived, peaks), (moved, _) = jax.jvp(lambda orbit: _section(symmetric, model, orbit, steps), (orbit,), (along,))
+        (arrived, peaks), (moved, _) = jax.jvp(lambda orbit: section_of(symmetric, model, orbit, steps), (orbit,), (along,))
         return arrived, peaks, moved
 
     return jax.vmap(of, in_axes=-1, out_axes=(None, None, -1))(jnp.eye(states + 2))
 
 
 def _by_parameters(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> Float[Array, "states numbers"]:
-    """Derivative of `_section` by every number of the model."""
+    """Derivative of `section_of` by every number of the model."""
 
     def along(direction: Float[Array, "numbers"]) -> Float[Array, "states"]:
         change = model.form.tree(direction)
-        return jax.jvp(lambda model: _section(symmetric, model, orbit, steps)[0], (model,), (change,))[1]
+        return jax.jvp(lambda model: section_of(symmetric, model, orbit, steps)[0], (model,), (change,))[1]
 
     return jax.vmap(along, in_axes=-1, out_axes=-1)(jnp.eye(sum(math.prod(shape) for shape in model.form.shapes)))
 
@@ -228,9 +256,10 @@ def _compiled(function: Callable[..., Any], symmetric: bool, form: Form) -> Call
     return jax.jit(kernel, compiler_options=options(QUICK))
 
 
-def _called(function: Callable[..., Any], model: Model, shooting: Shooting, orbit: Orbit) -> Any:
+def called(function: Callable[..., Any], model: Model, shooting: Shooting, orbit: Orbit, *more: np.ndarray) -> Any:
+    """`function` of what the orbit is, compiled once for all models of a form."""
     numbers = Orbit(*(np.asarray(value, float) for value in orbit))
-    found = _compiled(function, shooting.symmetric, model.form)(model.numbers, numbers, np.asarray(shooting.steps))
+    found = _compiled(function, shooting.symmetric, model.form)(model.numbers, numbers, np.asarray(shooting.steps), *more)
     return jax.tree.map(np.asarray, found)
 
 
@@ -246,7 +275,7 @@ class Linearised(NamedTuple):
 def orbit_derivatives(model: Model, shooting: Shooting, unknowns: Float[np.ndarray, "unknowns"]) -> Linearised:
     """Residual and Jacobian at a `pack`ed orbit."""
     orbit = unpack(model, shooting, unknowns)
-    arrived, peaks, columns = _called(_columns, model, shooting, orbit)
+    arrived, peaks, columns = called(_columns, model, shooting, orbit)
     start, states = orbit.state / model.scales, arrived.shape[0]
     jacobian = columns.copy()
     jacobian[:, :states] -= np.eye(states)
@@ -256,12 +285,12 @@ def orbit_derivatives(model: Model, shooting: Shooting, unknowns: Float[np.ndarr
 def residual(model: Model, shooting: Shooting, unknowns: Float[np.ndarray, "unknowns"]) -> Float[np.ndarray, "states"]:
     """How far a `pack`ed orbit is from closing; a tenth of the time of `linearised`."""
     orbit = unpack(model, shooting, unknowns)
-    return _called(_section, model, shooting, orbit)[0] - orbit.state / model.scales
+    return called(section_of, model, shooting, orbit)[0] - orbit.state / model.scales
 
 
 def advanced(model: Model, orbit: Orbit) -> Float[np.ndarray, "states"]:
     """The state after the orbit's "period", here a few steps of RK4, at its speed."""
-    mirrored = _called(_section, model, SHORT, Orbit(orbit.state, 2.0 * orbit.period, orbit.speed))[0]
+    mirrored = called(section_of, model, SHORT, Orbit(orbit.state, 2.0 * orbit.period, orbit.speed))[0]
     return model.mirror * mirrored * model.scales
 
 
@@ -273,4 +302,4 @@ def by_parameters(
     model: Model, shooting: Shooting, unknowns: Float[np.ndarray, "unknowns"]
 ) -> Float[np.ndarray, "states numbers"]:
     """Derivative of the residual by every number of the model, in the order of its leaves."""
-    return _called(_by_parameters, model, shooting, unpack(model, shooting, unknowns))
+    return called(_by_parameters, model, shooting, unpack(model, shooting, unknowns))

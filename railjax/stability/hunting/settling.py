@@ -63,11 +63,27 @@ def drawn(shooting: Shooting, starts: Sequence[Start]) -> list[End]:
 
     All models have the same structure. As many run together as a chunk has lanes; where one has ended the next begins.
     """
-    pieces = min(-(-len(starts) // CHUNK), cores())
-    queues = [list(enumerate(starts))[first::pieces] for first in range(pieces)]
+    queues = [queue for same in _by_table(starts) for queue in _shared_out(same)]
     every = _every(starts)
     found = in_threads(lambda queue: list(_settled(shooting, queue, every)), queues)
     return [end for _, end in sorted((pair for part in found for pair in part), key=lambda pair: pair[0])]
+
+
+def _shared_out(starts: list[tuple[int, Start]]) -> list[list[tuple[int, Start]]]:
+    """As many queues as there is work for, and cores."""
+    pieces = min(-(-len(starts) // CHUNK), cores())
+    return [starts[first::pieces] for first in range(pieces)]
+
+
+def _by_table(starts: Sequence[Start]) -> list[list[tuple[int, Start]]]:
+    """Motions of vehicles whose profiles have the same table, which the lanes of a batch share; with their numbers."""
+    groups: dict[bytes | None, list[tuple[int, Start]]] = {}
+    known: dict[int, bytes | None] = {}
+    for number, start in enumerate(starts):
+        rows = start.model.apart[1]
+        key = known.setdefault(id(rows), None if rows is None else rows.tobytes())
+        groups.setdefault(key, []).append((number, start))
+    return list(groups.values())
 
 
 def _every(starts: Sequence[Start]) -> int:
@@ -110,7 +126,8 @@ class _Batch:
 
     def __init__(self, first: Start, every: int) -> None:
         model, lanes = first.model, np.ones(CHUNK)
-        self.form, self.numbers = model.form, model.numbers[:, None] * lanes
+        apart, self.table = model.apart
+        self.form, self.numbers = apart.form, apart.numbers[:, None] * lanes
         self.x = np.zeros((len(first.state), CHUNK))
         self.slowness, self.dt = lanes / first.speed, lanes * first.period / SAMPLES
         self.every = every
@@ -123,13 +140,13 @@ class _Batch:
             self.x[:, k] = 0.0
             return None
         number, start = entry
-        self.numbers[:, k] = start.model.numbers
+        self.numbers[:, k] = start.model.apart[0].numbers
         self.x[:, k], self.slowness[k], self.dt[k] = start.state, 1.0 / start.speed, start.period / SAMPLES
         return _Lane(number, start)
 
     def one_period(self) -> Float[np.ndarray, "lanes"]:
         """Integrate; the largest displacement of any wheelset in each lane, m."""
-        x, states = _one_period(self.form)(self.numbers, self.x, self.slowness, self.dt, np.asarray(self.every))
+        x, states = _one_period(self.form)(self.numbers, self.table, self.x, self.slowness, self.dt, np.asarray(self.every))
         states, self.x = np.asarray(states), np.array(x)  # type: ignore[assignment]
         first = self.periods[-1][-1:] if self.periods else states[:1]
         self.periods.append(states)
@@ -166,7 +183,7 @@ def _steps(
 
 @functools.cache
 def _one_period(form: Form) -> Callable[..., tuple[Array, Array]]:
-    kernel = one_kernel(lambda numbers, *rest: _steps(form.tree(numbers), *rest))
+    kernel = one_kernel(lambda numbers, table, *rest: _steps(form.tree(numbers).with_table(table), *rest))
     return jax.jit(kernel, compiler_options=options(QUICK))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.typing import Number
+from .adjoint import weighted
 from .orbits import (
     DISPLACEMENT,
     SPEED,
@@ -160,15 +161,19 @@ def speed_slopes(model: Model, shooting: Shooting, point: Point) -> Model:
     That of the implicit function, with what the row of the point's problem picks held. At a fold, where the speed is stationary
     along the branch, that is the fold's own.
     """
-    return model.form.tree(-point.adjoint @ by_parameters(model, shooting, point.unknowns) * SPEED)
+    return model.form.tree(-weighted(model, shooting, point.unknowns, point.adjoint) * SPEED)
 
 
 def amplitude_slopes(model: Model, shooting: Shooting, point: Point) -> Model:
     """Derivative of an orbit's amplitude (m) by every number of the model at constant speed."""
-    pushed = by_parameters(model, shooting, point.unknowns)
     bordered = np.vstack([point.jacobian, row_of(model, shooting, BY_SPEED)])
+    index = model.amplitude_index(shooting.wheelset)
+    if model.vehicle.profiles is not None:
+        adjoint = solution(bordered.T, np.eye(len(bordered))[index])[:-1]
+        return model.form.tree(-weighted(model, shooting, point.unknowns, adjoint) * DISPLACEMENT)
+    pushed = by_parameters(model, shooting, point.unknowns)
     moved = -solution(bordered, np.vstack([pushed, np.zeros(pushed.shape[1])]))
-    return model.form.tree(moved[model.amplitude_index(shooting.wheelset)] * DISPLACEMENT)
+    return model.form.tree(moved[index] * DISPLACEMENT)
 
 
 def plane(model: Model, shooting: Shooting, vector: Unknowns) -> tuple[Number, Number]:

@@ -1,0 +1,111 @@
+"""Dynamics on profiles: against CONTACT, against the constant conicity, virtual work against normal forces, derivatives, vehicle files."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import railjax
+from railjax import WheelProfile, contact_geometry, linear_critical_speed, with_profiles
+from railjax.model.contact.profile_contact import contact_at, profile_contact
+
+#: Manchester contact benchmark, case A-2.2, as CONTACT answers it (published output), right wheel and left wheel: y (mm); creepages x and y
+#: (1e-3); spin (1e-3/mm); creep force and its part across (N)
+RIGHT = np.array(
+    [
+        [1, 0.6943, 2.407, 0.1510, 2947, -2832],
+        [2, 0.8752, 4.818, 0.1746, 2939, -2893],
+        [3, 1.052, 7.235, 0.1998, 2932, -2902],
+        [4, 1.276, 9.662, 0.2330, 2923, -2898],
+        [6, 5.077, 15.80, 0.8744, 2911, -2775],
+        [7, 19.49, 34.57, 1.838, 4195, -3644],
+        [9, 22.66, 33.41, 1.588, 3583, -2963],
+    ]
+)
+LEFT = np.array(
+    [
+        [1, -0.6297, 2.400, -0.03848, 3009, -2893],
+        [2, -0.8651, 4.798, -0.02947, 3011, -2961],
+        [3, -1.103, 7.197, -0.02432, 3009, -2974],
+        [4, -1.399, 9.594, -0.02138, 3009, -2977],
+        [6, -4.901, 14.37, -0.01957, 3007, -2845],
+        [7, -20.35, 16.63, -0.02761, 3004, -1900],
+        [9, -24.25, 21.35, -0.04210, 3005, -1985],
+    ]
+)
+
+
+@pytest.fixture(scope="module")
+def wheelset():
+    """The benchmark's, on rails that do not give way."""
+    found = railjax.load_vehicle("single-wheelset")
+    return railjax.replace(
+        found, contact__wheel_load=10e3, contact__friction=0.3, contact__flange_stiffness=1e12, wheelset__wheel_radius=0.46,
+        geometry__half_gauge=0.75, contact__law="sharp",
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rigid(wheelset):
+    return with_profiles(wheelset)
+
+
+def at(vehicle, y, psi, guided=0.0):
+    y, psi = (jnp.asarray(one, float)[None, None] for one in (y, psi))
+    still = jnp.zeros_like(y)
+    return profile_contact(vehicle, 0.5, y, psi, still, still, {"primary_y": still + guided})
+
+
+def test_manchester_benchmark(rigid):
+    """Creepages within 3.5 %, creep forces and their parts across within 5 % of CONTACT's, whose signs are those of the forces on the wheel."""
+    y = 1e-3 * RIGHT[:, 0]
+    creepage, _, wheels = at(rigid, y, 2.4 * y)
+    along = 0.5e-3 * (RIGHT[:, 1] - LEFT[:, 1])  # the mean is the wheelset's own speed
+    np.testing.assert_allclose(creepage.longitudinal[0, 0], along, rtol=0.035)
+    for side, published in enumerate((RIGHT, LEFT)):
+        force = np.hypot(wheels.lateral_force, wheels.longitudinal_force)[side, 0, 0]
+        np.testing.assert_allclose(-wheels.lateral[side, 0, 0], 1e-3 * published[:, 2], rtol=0.013)
+        np.testing.assert_allclose(-wheels.spin[side, 0, 0], published[:, 3], rtol=0.04)
+        np.testing.assert_allclose(force, published[:, 4], rtol=0.015)
+        np.testing.assert_allclose(wheels.lateral_force[side, 0, 0], published[:, 5], rtol=0.035)
+
+
+def test_virtual_work_is_the_normal_forces(rigid):
+    """Without friction: the wheel loads that hold the roll, times the tangents of the contact angles, at arms of the contacts' places."""
+    y = np.array([-7e-3, -3e-3, 1e-3, 4e-3, 5.6e-3, 7.5e-3])
+    smooth = contact_geometry("S1002", "60E1", y=np.concatenate([y[:1] - 1e-5, y]), load=10e3).smooth
+    angle, roll, place = smooth.contact_angle[1:], smooth.roll[1:], smooth.wheel_position[1:]
+    slope = np.tan(angle + np.stack([roll, -roll], axis=1))
+    arm = 0.75 + place - smooth.rolling_radius[1:] * slope
+    right = 2 * 10e3 * arm[:, 1] / arm.sum(axis=1)
+    lateral = right * slope[:, 0] - (2 * 10e3 - right) * slope[:, 1]
+    found = at(railjax.replace(rigid, contact__friction=1e-9), y, 0.0 * y)[1]
+    # on the flange of a rigid rail the table's steps of 0.05 mm are seen
+    np.testing.assert_allclose(found.lateral[0, 0], lateral, rtol=0.02)
+    np.testing.assert_allclose(found.lateral[0, 0, 1:5], lateral[1:5], rtol=1e-3)
+
+
+def test_wheel_loads_carry_the_suspension(rigid):
+    """A lateral force at the height of the axle loads the wheel towards which it points; the creep that can be follows."""
+    y = np.array([2e-3])
+    free, guided = (at(rigid, y, 0.02 + 0.0 * y, force)[2] for force in (0.0, 4e3))
+    change = 0.46 * 4e3 / (2 * 0.75) / 10e3
+    ratio = np.asarray(guided.lateral_force / free.lateral_force)[:, 0, 0, 0]
+    np.testing.assert_allclose(ratio, [1 + change, 1 - change], rtol=0.02)
+
+
+@pytest.mark.parametrize("slope", [0.05, 0.1])
+def test_cones_are_a_constant_conicity(coach, slope):
+    """Straight rail heads: what the constant conicity leaves out aside, its critical speed; and with that, what the terms say in closed form."""
+    cone = WheelProfile.cone(slope)
+    plain = with_profiles(coach, cone, "60E1", inclination=slope, simplified=True)
+    constant = dataclasses.replace(plain, profiles=None)
+    expected = linear_critical_speed(constant)
+    np.testing.assert_allclose(linear_critical_speed(plain), expected, rtol=1e-4)
+    whole = with_profiles(coach, cone, "60E1", inclination=slope)
+    at_rest = contact_at(whole.profiles, jnp.zeros((1, 1)))
+    gain = 1.0 / (1.0 - slope * (0.46 + 0.3) / 0.75)
+    np.testing.assert_allclose(constant.contact.conicity, slope * gain, rtol=6e-3)
+    np.testing.assert_allclose(at_rest.moved, 1.0 + 0.46 * slope / 0.75 * gain, rtol=3e-3)
+    np.testing.assert_allclose(at_rest.sine, np.sin(np.arctan(slope)), rtol=1e-5)
