@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from .simulation.channels import CHANNELS
     from .simulation.simulate import Result, Simulation, simulate
     from .simulation.speed import SpeedProfile
+    from .stability.curving.result import Equilibrium, SteadyCurving
+    from .stability.curving.steady import curving
     from .stability.hunting.branch import hunting_branch
     from .stability.hunting.limit_cycles import Branch, LimitCycle
     from .stability.hunting.nonlinear_critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
@@ -99,6 +101,7 @@ __all__ = [
     "CriticalSpeed",
     "CrossBracing",
     "Damper",
+    "Equilibrium",
     "EquivalentConicity",
     "ErriSpectrum",
     "Film",
@@ -141,6 +144,7 @@ __all__ = [
     "SpeedProfile",
     "Stability",
     "StatisticalResponse",
+    "SteadyCurving",
     "TableSpectrum",
     "TangentTrack",
     "Tuning",
@@ -161,6 +165,7 @@ __all__ = [
     "contact_ellipse",
     "contact_geometry",
     "creep_coefficients",
+    "curving",
     "each_point",
     "equivalent_conicity",
     "expected",
@@ -274,6 +279,8 @@ _NAMES = {
     "ride.vibration": "sperling weighted_acceleration weighted_rms",
     "ride.weightings": "weighting weighting_filter",
     "model.contact.conicity": "equivalent_conicity nonlinearity_parameter",
+    "stability.curving.result": "Equilibrium SteadyCurving",
+    "stability.curving.steady": "curving",
     "model.contact.geometry": "ContactGeometry contact_geometry",
     "model.contact.profile_table": "with_profiles",
     "model.contact.profiles": "RailProfile WheelProfile",
