@@ -22,6 +22,11 @@ if TYPE_CHECKING:
     from .dampers.bouc_wen import BoucWen
     from .dampers.bouc_wen_damper import BoucWenDamper, HybridDamper
     from .dampers.clipped_lqr import ClippedLQR
+    from .dampers.control.controller import Controller
+    from .dampers.control.device import Device, Faults
+    from .dampers.control.estimators import ComplementaryFilter
+    from .dampers.control.kalman import KalmanFilter
+    from .dampers.control.sensors import Sensors
     from .dampers.identification.identify import identify_damper
     from .dampers.identification.record import Record, read_record
     from .dampers.identification.result import Identification
@@ -93,13 +98,17 @@ __all__ = [
     "Calibration",
     "ClippedLQR",
     "Comfort",
+    "ComplementaryFilter",
     "ContactGeometry",
     "ContactTable",
+    "Controller",
     "CriticalSpeed",
     "CrossBracing",
     "Damper",
+    "Device",
     "EquivalentConicity",
     "ErriSpectrum",
+    "Faults",
     "Film",
     "ForcedRun",
     "FormulaSpectrum",
@@ -111,6 +120,7 @@ __all__ = [
     "HybridDamper",
     "Identification",
     "InputError",
+    "KalmanFilter",
     "LateralDamper",
     "LeastDamping",
     "LimitCycle",
@@ -132,6 +142,7 @@ __all__ = [
     "RunningRecord",
     "Scatter",
     "Seen",
+    "Sensors",
     "Simulation",
     "SinusoidTrack",
     "Skyhook",
@@ -250,6 +261,11 @@ _NAMES = {
     "tuning.gain_schedule": "GainSchedule schedule_gain",
     "dampers.balance_logic": "BalanceLogic",
     "dampers.clipped_lqr": "ClippedLQR",
+    "dampers.control.controller": "Controller",
+    "dampers.control.device": "Device Faults",
+    "dampers.control.estimators": "ComplementaryFilter",
+    "dampers.control.kalman": "KalmanFilter",
+    "dampers.control.sensors": "Sensors",
     "dampers.maxwell": "MaxwellDamper",
     "dampers.skyhook": "ADD MixedSkyhookADD Skyhook",
     "simulation.simulate": "Result Simulation simulate",

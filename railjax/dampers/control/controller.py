@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...model.damper import Bogies, Damper, Seen, answers, law_of
+from ...model.damper import Bogies, answers, law_of
 from ...model.vehicle import Vehicle
 from ..clipped_lqr import ClippedLQR
 from ..controlled import ForceControlled, ValveControlled
@@ -59,7 +59,7 @@ class Controller(SampledLoop):
         return Device()
 
     @property
-    def _inner(self) -> Damper:
+    def _inner(self) -> Any:
         """The law, which decides at every sample."""
         names = {entry.name for entry in dataclasses.fields(self.wraps)} if dataclasses.is_dataclass(self.wraps) else set()
         return dataclasses.replace(self.wraps, sample_time=None) if "sample_time" in names else self.wraps
@@ -67,7 +67,7 @@ class Controller(SampledLoop):
     @property
     def memory_rows(self) -> int:
         """Those of estimator and law."""
-        return self.estimator.states + self._inner.internal_states
+        return self.estimator.states + getattr(self._inner, "internal_states", 0)
 
     @property
     def memory_even(self) -> tuple[int, ...]:
@@ -97,7 +97,7 @@ class Controller(SampledLoop):
     def fault(self) -> str | None:
         """What is wrong with the parts together."""
         law = self.wraps
-        if law is None or not isinstance(law, (ForceControlled, ValveControlled)) and self.device is None:
+        if law is None or (not isinstance(law, (ForceControlled, ValveControlled)) and self.device is None):
             return (
                 "a Controller wraps a law that commands a damper, as Controller(wraps=Skyhook()); of others give the device, whose "
                 f"commands their force is then taken for; not {type(law).__name__}"
@@ -108,8 +108,3 @@ class Controller(SampledLoop):
         if isinstance(law, ClippedLQR) and not self.estimator.whole:
             return "ClippedLQR feeds back all states: give the Controller a KalmanFilter.design(vehicle, speed, sensors)"
         return super().fault() or answers(law).fault()
-
-
-def blind(seen: Seen) -> Seen:
-    """What is left of a `Seen` where nothing is known."""
-    return jax.tree.map(jnp.zeros_like, seen)

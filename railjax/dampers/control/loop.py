@@ -6,7 +6,7 @@ past readings, what the law remembers, the command, and the actuator's answer to
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -85,7 +85,7 @@ class SampledLoop(Law):
         valve = ("command", "actuator")[: 2 if self.on.lag is not None else 1] if self.on.kind == "valve" else ()
         return (starts["clock"], starts["count"], *memory, *(starts[name] for name in valve))
 
-    def parts(self, internal: Rows) -> dict[str, Rows]:
+    def parts(self, internal: Any) -> dict[str, Any]:
         """The internal states by name, each (rows, n, *lanes)."""
         found, start = {}, 0
         for name, count in self.rows.items():
