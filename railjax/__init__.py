@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from .dampers.control.device import Device, Faults
     from .dampers.control.estimators import ComplementaryFilter
     from .dampers.control.kalman import KalmanFilter
+    from .dampers.control.law_files import load_law
+    from .dampers.control.learned import LearnedDamper
     from .dampers.control.sensors import Sensors
     from .dampers.identification.identify import identify_damper
     from .dampers.identification.record import Record, read_record
@@ -78,6 +80,7 @@ if TYPE_CHECKING:
     from .tuning.pareto import Front, pareto
     from .tuning.result import Tuning
     from .tuning.robust import Scatter, expected, worst
+    from .tuning.train import Training, train
     from .tuning.tune import tune
     from .vehicles.check import VehicleCheck, check_vehicle
     from .vehicles.files import load_vehicle, packaged_vehicles
@@ -122,6 +125,7 @@ __all__ = [
     "InputError",
     "KalmanFilter",
     "LateralDamper",
+    "LearnedDamper",
     "LeastDamping",
     "LimitCycle",
     "MaxwellDamper",
@@ -153,6 +157,7 @@ __all__ = [
     "StatisticalResponse",
     "TableSpectrum",
     "TangentTrack",
+    "Training",
     "Tuning",
     "Vehicle",
     "VehicleCheck",
@@ -185,6 +190,7 @@ __all__ = [
     "keep_compiled",
     "linear_critical",
     "linear_critical_speed",
+    "load_law",
     "load_vehicle",
     "matrices",
     "modes",
@@ -210,6 +216,7 @@ __all__ = [
     "statistical_linearisation",
     "sweep",
     "track_matrix",
+    "train",
     "tune",
     "use_all_cores",
     "use_double_precision",
@@ -265,6 +272,8 @@ _NAMES = {
     "dampers.control.device": "Device Faults",
     "dampers.control.estimators": "ComplementaryFilter",
     "dampers.control.kalman": "KalmanFilter",
+    "dampers.control.law_files": "load_law",
+    "dampers.control.learned": "LearnedDamper",
     "dampers.control.sensors": "Sensors",
     "dampers.maxwell": "MaxwellDamper",
     "dampers.skyhook": "ADD MixedSkyhookADD Skyhook",
@@ -277,6 +286,7 @@ _NAMES = {
     "sweeps.conicity_map": "EquivalentConicity",
     "sweeps.ready_made": "CriticalSpeed ForcedRun LeastDamping NonlinearCriticalSpeed RideComfort each_point",
     "model.track.shapes": "BumpTrack SinusoidTrack TangentTrack alignment",
+    "tuning.train": "Training train",
     "tuning.tune": "tune",
     "tuning.result": "Tuning",
     "model.parameters": "get_parameter parameters replace set_parameter",

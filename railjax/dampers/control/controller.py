@@ -2,12 +2,15 @@
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ...base.arguments import guarded
+from ...base.checks import a_path
 from ...model.damper import Bogies, answers, law_of
 from ...model.vehicle import Vehicle
 from ..clipped_lqr import ClippedLQR
@@ -15,6 +18,7 @@ from ..controlled import ForceControlled, ValveControlled
 from .device import Device
 from .estimators import ComplementaryFilter
 from .kalman import KalmanFilter
+from .law_files import save_law
 from .loop import SampledLoop
 from .sensors import Sensors, Signals
 
@@ -93,6 +97,11 @@ class Controller(SampledLoop):
         command = self.on.command(demand, guess.velocity)
         estimated = self.estimator.told(estimated, self.on.force(command, guess.velocity))
         return command, jnp.concatenate([estimated, inner + elapsed * rate])
+
+    @guarded(path=a_path)
+    def save(self, path: str | Path) -> None:
+        """Write all numbers and what the controller is made of to a file (.npz) for `railjax.load_law`. Raises `InputError`."""
+        save_law(self, path)
 
     def fault(self) -> str | None:
         """What is wrong with the parts together."""

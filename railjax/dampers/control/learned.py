@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import jax
@@ -10,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.arguments import guarded
-from ...base.checks import whole
+from ...base.checks import a_path, whole
 from ...base.errors import InputError
 from ...base.fields import matrix, structure, table
 from ...base.precision import require_double_precision
@@ -22,7 +23,9 @@ from ..controlled import ForceControlled
 from ..skyhook import ADD, Skyhook
 from .controller import Controller
 from .device import Device
+from .export_c import write_c
 from .kalman import product
+from .law_files import save_law
 from .loop import SampledLoop
 from .sensors import Signals
 
@@ -180,6 +183,17 @@ class LearnedDamper(SampledLoop):
         if self.hidden_gain is not None:
             wanted = wanted + product(self.hidden_demand, jnp.tanh(product(self.hidden_gain, inputs)))
         return wanted * _padded(jnp.asarray(self.demand, inputs.dtype), inputs.ndim - 1)
+
+    @guarded(path=a_path)
+    def save(self, path: str | Path) -> None:
+        """Write all numbers and what the law is made of to a file (.npz) for `railjax.load_law`. Raises `InputError`."""
+        save_law(self, path)
+
+    @guarded(path=a_path)
+    def export_c(self, path: str | Path, name: str = "damper_law") -> None:
+        """Write the law as a C99 function `name` of the readings of all sensors, in single precision and without dependencies, to a file
+        that explains itself. Sensors and device are not in it. Raises `InputError` for laws on a Kalman filter."""
+        write_c(self, path, name)
 
     def fault(self) -> str | None:
         """What is wrong with the parts together."""
