@@ -22,6 +22,13 @@ if TYPE_CHECKING:
     from .dampers.bouc_wen import BoucWen
     from .dampers.bouc_wen_damper import BoucWenDamper, HybridDamper
     from .dampers.clipped_lqr import ClippedLQR
+    from .dampers.control.controller import Controller
+    from .dampers.control.device import Device, Faults
+    from .dampers.control.estimators import ComplementaryFilter
+    from .dampers.control.kalman import KalmanFilter
+    from .dampers.control.law_files import load_law
+    from .dampers.control.learned import LearnedDamper
+    from .dampers.control.sensors import Sensors
     from .dampers.identification.identify import identify_damper
     from .dampers.identification.record import Record, read_record
     from .dampers.identification.result import Identification
@@ -58,6 +65,8 @@ if TYPE_CHECKING:
     from .simulation.channels import CHANNELS
     from .simulation.simulate import Result, Simulation, simulate
     from .simulation.speed import SpeedProfile
+    from .stability.curving.result import Equilibrium, SteadyCurving
+    from .stability.curving.steady import curving
     from .stability.hunting.branch import hunting_branch
     from .stability.hunting.limit_cycles import Branch, LimitCycle
     from .stability.hunting.nonlinear_critical import Hunting, NonlinearCritical, nonlinear_critical, nonlinear_critical_speed
@@ -74,6 +83,7 @@ if TYPE_CHECKING:
     from .tuning.pareto import Front, pareto
     from .tuning.result import Tuning
     from .tuning.robust import Scatter, expected, worst
+    from .tuning.train import Training, train
     from .tuning.tune import tune
     from .vehicles.check import VehicleCheck, check_vehicle
     from .vehicles.files import load_vehicle, packaged_vehicles
@@ -94,13 +104,18 @@ __all__ = [
     "Calibration",
     "ClippedLQR",
     "Comfort",
+    "ComplementaryFilter",
     "ContactGeometry",
     "ContactTable",
+    "Controller",
     "CriticalSpeed",
     "CrossBracing",
     "Damper",
+    "Device",
+    "Equilibrium",
     "EquivalentConicity",
     "ErriSpectrum",
+    "Faults",
     "Film",
     "ForcedRun",
     "FormulaSpectrum",
@@ -112,7 +127,9 @@ __all__ = [
     "HybridDamper",
     "Identification",
     "InputError",
+    "KalmanFilter",
     "LateralDamper",
+    "LearnedDamper",
     "LeastDamping",
     "LimitCycle",
     "MaxwellDamper",
@@ -133,6 +150,7 @@ __all__ = [
     "RunningRecord",
     "Scatter",
     "Seen",
+    "Sensors",
     "Simulation",
     "SinusoidTrack",
     "Skyhook",
@@ -141,8 +159,10 @@ __all__ = [
     "SpeedProfile",
     "Stability",
     "StatisticalResponse",
+    "SteadyCurving",
     "TableSpectrum",
     "TangentTrack",
+    "Training",
     "Tuning",
     "Vehicle",
     "VehicleCheck",
@@ -161,6 +181,7 @@ __all__ = [
     "contact_ellipse",
     "contact_geometry",
     "creep_coefficients",
+    "curving",
     "each_point",
     "equivalent_conicity",
     "expected",
@@ -175,6 +196,7 @@ __all__ = [
     "keep_compiled",
     "linear_critical",
     "linear_critical_speed",
+    "load_law",
     "load_vehicle",
     "matrices",
     "modes",
@@ -200,6 +222,7 @@ __all__ = [
     "statistical_linearisation",
     "sweep",
     "track_matrix",
+    "train",
     "tune",
     "use_all_cores",
     "use_double_precision",
@@ -252,6 +275,13 @@ _NAMES = {
     "tuning.gain_schedule": "GainSchedule schedule_gain",
     "dampers.balance_logic": "BalanceLogic",
     "dampers.clipped_lqr": "ClippedLQR",
+    "dampers.control.controller": "Controller",
+    "dampers.control.device": "Device Faults",
+    "dampers.control.estimators": "ComplementaryFilter",
+    "dampers.control.kalman": "KalmanFilter",
+    "dampers.control.law_files": "load_law",
+    "dampers.control.learned": "LearnedDamper",
+    "dampers.control.sensors": "Sensors",
     "dampers.maxwell": "MaxwellDamper",
     "dampers.skyhook": "ADD MixedSkyhookADD Skyhook",
     "simulation.simulate": "Result Simulation simulate",
@@ -263,6 +293,7 @@ _NAMES = {
     "sweeps.conicity_map": "EquivalentConicity",
     "sweeps.ready_made": "CriticalSpeed ForcedRun LeastDamping NonlinearCriticalSpeed RideComfort each_point",
     "model.track.shapes": "BumpTrack SinusoidTrack TangentTrack alignment",
+    "tuning.train": "Training train",
     "tuning.tune": "tune",
     "tuning.result": "Tuning",
     "model.parameters": "get_parameter parameters replace set_parameter",
@@ -274,6 +305,8 @@ _NAMES = {
     "ride.vibration": "sperling weighted_acceleration weighted_rms",
     "ride.weightings": "weighting weighting_filter",
     "model.contact.conicity": "equivalent_conicity nonlinearity_parameter",
+    "stability.curving.result": "Equilibrium SteadyCurving",
+    "stability.curving.steady": "curving",
     "model.contact.geometry": "ContactGeometry contact_geometry",
     "model.contact.profile_table": "with_profiles",
     "model.contact.profiles": "RailProfile WheelProfile",

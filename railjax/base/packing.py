@@ -61,6 +61,9 @@ class Packed:
     tables: Any
     tree: Any = structure(None)
     single: Any = structure(())
+    #: JAX 0.10 takes trees for equal whose nodes are of different dataclasses but for that alike (skyhook and balance logic, say), and
+    #: its programs were handed to the wrong one; the hashes differ
+    kinds: Any = structure(0)
 
     @classmethod
     def of(cls, tree: Any) -> "Packed":
@@ -68,7 +71,7 @@ class Packed:
         single = tuple(np.ndim(leaf) == 0 for leaf in leaves)
         numbers = np.array([leaf for leaf, alone in zip(leaves, single, strict=True) if alone], jnp.result_type(float))
         tables = [leaf for leaf, alone in zip(leaves, single, strict=True) if not alone]
-        return cls(numbers, as_numbers(tables), treedef, single)
+        return cls(numbers, as_numbers(tables), treedef, single, hash(treedef))
 
     def unpacked(self) -> Any:
         numbers, tables = iter(self.numbers), iter(self.tables)

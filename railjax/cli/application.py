@@ -14,6 +14,7 @@ from .verbs.acceptance import acceptance
 from .verbs.animate import animate
 from .verbs.comfort import comfort
 from .verbs.conicity import conicity
+from .verbs.curving import curving
 from .verbs.damper import damper_app
 from .verbs.hunting import hunting
 from .verbs.report import report
@@ -59,6 +60,7 @@ app.command()(acceptance)
 app.command()(animate)
 app.command()(comfort)
 app.command()(conicity)
+app.command()(curving)
 app.command()(report)
 app.command()(tune)
 app.command()(sweep)

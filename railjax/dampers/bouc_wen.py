@@ -288,6 +288,9 @@ def parts_needed(
 ) -> int:
     """Into how many parts `march` has to cut each sample of a known motion: doubled until the force would change by less than
     `tolerance` of its standard deviation (r.m.s.), at most 64."""
+    parameters = jax.tree.map(
+        lambda leaf: jnp.asarray(leaf, motion.x.dtype), parameters
+    )  # numbers and arrays alike, for one program
     found, parts = _march(parameters, motion, dt, jnp.asarray(1), starts), 1
     while parts < MOST_PARTS:
         finer = _march(parameters, motion, dt, jnp.asarray(2 * parts), starts)

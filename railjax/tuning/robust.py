@@ -71,6 +71,22 @@ def worst(quantity: Quantity, scatter: Scatter) -> Quantity:
     return _over(quantity, scatter, "worst")
 
 
+def scattered(
+    vehicle: Vehicle, paths: tuple[str, ...], factors: tuple[bool, ...], samples: Float[Array | np.ndarray, "parameters lanes"]
+) -> Vehicle:
+    """A vehicle with one lane per sample.
+
+    Args:
+        vehicle: a single vehicle.
+        paths: dotted names of what is scattered.
+        factors: which of them are times what the vehicle has.
+        samples: values in SI or factors, shape `(parameters, lanes)`.
+    """
+    for path, is_factor, values in zip(paths, factors, samples, strict=True):
+        vehicle = set_parameter(vehicle, path, values * get_parameter(vehicle, path) if is_factor else values)
+    return vehicle
+
+
 def _over(quantity: Quantity, scatter: Scatter, how: str) -> Quantity:
     paths, factors, samples = scatter.drawn()
     return Robust(quantity, jnp.asarray(samples), paths, factors, how)
@@ -117,9 +133,7 @@ class Robust(Quantity):
 
     def scattered(self, vehicle: Vehicle) -> Vehicle:
         """The vehicle with one lane per sample."""
-        for path, is_factor, values in zip(self.paths, self.factors, jnp.asarray(self.samples), strict=True):
-            vehicle = set_parameter(vehicle, path, values * get_parameter(vehicle, path) if is_factor else values)
-        return vehicle
+        return scattered(vehicle, self.paths, self.factors, jnp.asarray(self.samples))
 
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, ""]:
         return self._summed(self.quantity.each(self.scattered(vehicle), damper))

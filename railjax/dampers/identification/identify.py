@@ -17,16 +17,17 @@ from ...base.arguments import guarded
 from ...base.checks import FLAG, Kind, Range, whole
 from ...base.errors import InputError, NumericalError
 from ...base.precision import require_double_precision
-from ...base.typing import Number
 from .. import bouc_wen
 from ..bouc_wen import BoucWen
+from .least_squares import Fit, adam, levenberg_marquardt
 from .problem import (
+    ITERATIONS,
     Choice,
     Problem,
     Scale,
-    Unknowns,
     as_measured,
     decode,
+    decoded,
     error_of,
     problem_of,
     residuals,
@@ -37,7 +38,7 @@ from .problem import (
 from .record import Record, acceleration, joined
 from .record_repair import JOLT, jolts, spans, without_offset
 from .result import Evolution, Identification
-from .uncertainty import BLOCKS, noise_of, residual_of, uncertainty, weigh_prior
+from .uncertainty import BLOCKS, noise_of, uncertainty, weigh_prior
 
 Mask = Bool[np.ndarray, "samples"]
 Method = Literal["levenberg-marquardt", "adam"]
@@ -129,34 +130,38 @@ def identify_damper(
     coarse = _cut(problem_of(whole.every(thin), choice, coarse_counted), scale.reference, 1e-2)
     spread = 0.7 * np.random.default_rng(seed).standard_normal((starts, count))
     spread[0] = 0.0
-    iterations = iterations or (30 if method == "levenberg-marquardt" else 300)
-    ends, costs = _minimise(method, coarse, choice, scale, jnp.asarray(spread), iterations)
+    rough = Fit(coarse, choice, scale, starts)
+    ends, costs, tried = METHODS[method](rough, spread, iterations or DEFAULT_ITERATIONS[method])
     errors = np.sqrt(np.where(np.isfinite(costs), costs, np.inf))
     if not np.isfinite(errors.min()):
         raise NumericalError("no start of the identification led to a finite force; check the units of the record")
     best = ends[np.argmin(errors)]
-    fine = coarse if thin == 1 else problem_of(whole, choice, counted, int(coarse.parts))
+    # what is as long is computed by the same program
+    fit = rough if thin == 1 else Fit(problem_of(whole, choice, counted, int(coarse.parts)), choice, scale, 1)
     for _ in range(2):
         # as the noise is known, so is the prior, and the error of the integrator that all samples together do not see
-        noise = noise_of(residual_of(fine, choice, scale, best))
+        noise = noise_of(fit.residual(best))
         tolerance = np.clip(0.5 * noise.unit, 1e-5, 1e-3)
-        fine = _cut(weigh_prior(fine, noise), decode(choice, scale, best).damper, tolerance)
-        best = _minimise("levenberg-marquardt", fine, choice, scale, best[None], POLISH, noise.unit)[0][0]
+        fine = _cut(weigh_prior(fit.problem, noise), decoded(choice, scale, jnp.asarray(best)).damper, tolerance)
+        fit = dataclasses.replace(fit, problem=fine)
+        ends, _, polishing = levenberg_marquardt(fit, best[None], POLISH, noise.unit)
+        best, tried = ends[0], tried + thin * polishing
     seconds = time.perf_counter() - began
 
-    # each iteration simulates the record and its tangents; a polishing one is `thin` times as long
-    simulations = (starts * iterations + 2 * POLISH * thin) * (count + 1)
-    known = uncertainty(fine, choice, scale, best, _together(choice, scale, starts), coarse)
-    guess = decode(choice, scale, best)
-    parts = int(fine.parts)
-    force = as_measured(record, guess.damper, guess.inertia, np.asarray(guess.stretches), guess.offset, parts)
+    # each of the points is a simulation of the record and its tangents; a polishing one is `thin` times as long
+    simulations = tried * (count + 1)
+    known = uncertainty(fit, best, rough)
+    guess = jax.tree.map(float, decoded(choice, scale, jnp.asarray(best))._replace(stretches=()))
+    stretches = np.asarray(decoded(choice, scale, jnp.asarray(best)).stretches)
+    parts = int(fit.problem.parts)
+    force = as_measured(record, guess.damper, guess.inertia, stretches, guess.offset, parts)
     published = as_measured(record, BoucWen(), parts=parts)
     rival = None
     if evolution:
         rival = _evolve(coarse, choice, scale, simulations, record, fitted, apart, seed)
     return Identification(
-        parameters=jax.tree.map(float, guess.damper),
-        inertia=float(guess.inertia),
+        parameters=guess.damper,
+        inertia=guess.inertia,
         names=known.names,
         standard_errors=dict(zip(known.names, known.data.tolist(), strict=True)),
         posterior_errors=dict(zip(known.names, known.posterior.tolist(), strict=True)),
@@ -174,8 +179,8 @@ def identify_damper(
         force=force,
         fitted_samples=fitted,
         heldout_samples=apart,
-        stretches=tuple(np.asarray(guess.stretches).tolist()),
-        velocity_offset=float(guess.offset),
+        stretches=tuple(stretches.tolist()),
+        velocity_offset=guess.offset,
         parts=parts,
         evolution=rival,
     )
@@ -213,112 +218,11 @@ def _cut(problem: Problem, damper: BoucWen, tolerance: float) -> Problem:
     return problem._replace(parts=jnp.asarray(parts))
 
 
-def _together(choice: Choice, scale: Scale, lanes: int) -> Callable[..., tuple[Array, Float[np.ndarray, "starts"]]]:
-    """Levenberg-Marquardt from many starts, each with its prior: the ends, and the squared error of the data alone. As many at once as the
-    batch of `identify_damper`, whose program is taken again."""
-
-    def minimise(
-        problem: Problem, starts: Array, priors: Array, centres: Array, unit: float
-    ) -> tuple[Array, Float[np.ndarray, "starts"]]:
-        ends, costs = [], []
-        for first in range(0, len(starts), lanes):
-            index = jnp.minimum(first + jnp.arange(lanes), len(starts) - 1)
-            there, _ = _levenberg_marquardt(problem, choice, scale, starts[index], priors[index], centres[index], unit, 30)
-            ends.append(there)
-        together = jnp.concatenate(ends)[: len(starts)]
-        costs = [np.sum(residual_of(problem, choice, scale, end) ** 2) for end in together]
-        return together, np.array(costs)
-
-    return minimise
-
-
-#: iterations at most on the full record, from where the batch ended
+#: points at most on the full record, from where the batch ended
 POLISH = 100
 
-
-def _minimise(
-    method: str,
-    problem: Problem,
-    choice: Choice,
-    scale: Scale,
-    starts: Float[Array, "starts unknowns"],
-    iterations: int,
-    unit: float = 1.0,
-) -> tuple[Float[Array, "starts unknowns"], Float[np.ndarray, "starts"]]:
-    """Where each start leads, and its squared error there. `unit` is that of `Noise` near the best, where it lets
-    Levenberg and Marquardt take whole steps; from afar these lead to dampers without a loop."""
-    if method == "adam":
-        ends, costs = _adam(problem, choice, scale, starts, iterations)
-    else:
-        priors, centres = (jnp.broadcast_to(leaf, starts.shape) for leaf in (problem.prior, problem.centre))
-        ends, costs = _levenberg_marquardt(problem, choice, scale, starts, priors, centres, unit, iterations)
-    return ends, np.asarray(costs)
-
-
-@functools.partial(jax.jit, static_argnums=(1, 7))
-def _levenberg_marquardt(
-    problem: Problem, choice: Choice, scale: Scale, starts: Array, priors: Array, centres: Array, unit: Number, iterations: int
-) -> tuple[Array, Array]:
-    import optimistix
-
-    solver = optimistix.LevenbergMarquardt(rtol=1e-7, atol=1e-7)  # type: ignore[var-annotated]
-
-    def one(start: Unknowns, prior: Unknowns, centre: Unknowns) -> tuple[Unknowns, Array]:
-        force = _with_jacobian(problem._replace(prior=prior, centre=centre), choice, scale)
-        found = optimistix.least_squares(  # type: ignore[var-annotated]
-            lambda q, _: force(q) / unit, solver, start, options={"jac": "fwd"}, max_steps=iterations, throw=False
-        )
-        return found.value, jnp.sum(force(found.value) ** 2)
-
-    return jax.vmap(one)(starts, priors, centres)
-
-
-def _with_jacobian(problem: Problem, choice: Choice, scale: Scale) -> Callable[[Unknowns], Array]:
-    """`residuals` of the unknowns alone, whose Jacobian is computed once, however often and by whatever tangents it is asked for.
-
-    Not as one kernel: with arrays of a record's length JAX 0.10.1 cannot compile one for several threads.
-    """
-
-    def plain(problem: Problem, scale: Scale, q: Unknowns) -> Array:
-        return residuals(problem, choice, scale, q)
-
-    def both(problem: Problem, scale: Scale, q: Unknowns) -> tuple[Array, Array]:
-        value = functools.partial(plain, problem, scale)
-        return jax.jacfwd(lambda q: (value(q),) * 2, has_aux=True)(q)
-
-    @jax.custom_jvp
-    def own(q: Unknowns) -> Array:
-        return plain(problem, scale, q)
-
-    @own.defjvp
-    def own_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
-        jacobian, value = both(problem, scale, *primals)
-        return value, jacobian @ tangents[0]
-
-    return own
-
-
-@functools.partial(jax.jit, static_argnums=(1, 4))
-def _adam(problem: Problem, choice: Choice, scale: Scale, starts: Array, iterations: int) -> tuple[Array, Array]:
-    import optax
-
-    solver = optax.adam(optax.cosine_decay_schedule(0.1, iterations))
-
-    force = _with_jacobian(problem, choice, scale)
-
-    def cost(q: Unknowns) -> Float[Array, ""]:
-        return jnp.sum(force(q) ** 2)
-
-    def one(start: Unknowns) -> tuple[Unknowns, Array]:
-        def update(carry: tuple, _: None) -> tuple[tuple, None]:
-            q, state = carry
-            change, state = solver.update(jax.jacfwd(cost)(q), state)
-            return (optax.apply_updates(q, change), state), None
-
-        (q, _), _ = jax.lax.scan(update, (start, solver.init(start)), length=iterations)
-        return q, cost(q)
-
-    return jax.vmap(one)(starts)
+METHODS = {"levenberg-marquardt": levenberg_marquardt, "adam": adam}
+DEFAULT_ITERATIONS = {"levenberg-marquardt": ITERATIONS, "adam": 300}
 
 
 #: differential evolution's box around the scaled published damper: a factor of e^±3 for positive quantities

@@ -26,6 +26,9 @@ PRIOR = 1e-3
 #: standard deviation of the prior: positive quantities lie within a factor of e² of the scaled published damper's
 WIDTH = 2.0
 
+#: of Levenberg-Marquardt, from afar
+ITERATIONS = 30
+
 
 class Choice(NamedTuple):
     """What is fitted; static."""
@@ -114,6 +117,10 @@ def decode(choice: Choice, scale: Scale, unknowns: Unknowns) -> Guess:
     )
 
 
+#: the same as one program: its operations one by one take a second to compile
+decoded = jax.jit(decode, static_argnums=0)
+
+
 class Problem(NamedTuple):
     """A record as JAX sees it, and what is thought of the unknowns beforehand."""
 
@@ -189,12 +196,17 @@ def as_measured(
     """Force of a damper over a record's motion, N: also to score parameters found elsewhere. `stretches`: x - y at the start of each
     stretch, 0 without; `offset` of the velocity."""
     count = len(record.begins)
-    guess = Guess(damper, inertia, jnp.zeros(count) if stretches is None else jnp.asarray(stretches), offset)
+    guess = Guess(damper, inertia, np.zeros(count) if stretches is None else stretches, offset)
+    guess = jax.tree.map(lambda leaf: np.asarray(leaf, float), guess)  # numbers and arrays alike, for one program
     problem = problem_of(record, Choice(False, True, True, count), np.ones(len(record), bool), parts)
     return np.asarray(_simulate_once(problem, guess))
 
 
+def errors(problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns) -> Float[Array, "samples"]:
+    """Residuals of the data: the squares add up to the squared error of the fitted part."""
+    return (simulated(problem, decode(choice, scale, unknowns)) - problem.force) * problem.weight
+
+
 def residuals(problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns) -> Float[Array, "residuals"]:
-    """What is minimised: the squares add up to the squared error of the fitted part, and next to nothing for the prior."""
-    error = (simulated(problem, decode(choice, scale, unknowns)) - problem.force) * problem.weight
-    return jnp.concatenate([error, problem.prior * (unknowns - problem.centre)])
+    """What is minimised: those of the data, and next to nothing for the prior."""
+    return jnp.concatenate([errors(problem, choice, scale, unknowns), problem.prior * (unknowns - problem.centre)])

@@ -1,7 +1,7 @@
 """How well a record determines a fitted damper: errors by the data alone and with the prior, correlated residuals, profile likelihoods."""
 
+import dataclasses
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,9 +11,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .. import bouc_wen
-from .problem import WIDTH, Choice, Problem, Samples, Scale, Unknowns, decode, residuals, unknown_names
+from .least_squares import Fit, levenberg_marquardt
+from .problem import ITERATIONS, WIDTH, Choice, Problem, Samples, Scale, Unknowns, decode, decoded
 
 Matrix = Float[np.ndarray, "rows columns"]
+Vector = Float[np.ndarray, "unknowns"]
 
 #: residuals are correlated over tens of milliseconds; standard errors treat blocks of the record as independent, not samples
 BLOCKS = 60
@@ -69,21 +71,6 @@ def weigh_prior(problem: Problem, noise: Noise, widths: float = 1.0) -> Problem:
     return problem._replace(prior=jnp.full_like(problem.prior, noise.unit / (WIDTH * widths)))
 
 
-@functools.partial(jax.jit, static_argnums=1)
-def _slopes(problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns) -> tuple[Array, Array]:
-    """The residuals' Jacobian and themselves."""
-    own = functools.partial(residuals, problem, choice, scale)
-    return jax.jacfwd(lambda q: (own(q),) * 2, has_aux=True)(unknowns)
-
-
-def residual_of(problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns) -> Samples:
-    """Residuals of the samples that count."""
-    return np.asarray(_residuals(problem, choice, scale, unknowns))[np.flatnonzero(np.asarray(problem.weight))]
-
-
-_residuals = jax.jit(residuals, static_argnums=1)
-
-
 def names_of(choice: Choice, example: bouc_wen.BoucWen) -> tuple[str, ...]:
     """The physical parameters that are fitted."""
     left_out = {"A"} | (set() if choice.commanded else {"c0b", "c1b", "alpha_b", "eta"})
@@ -91,20 +78,25 @@ def names_of(choice: Choice, example: bouc_wen.BoucWen) -> tuple[str, ...]:
     return own + (("inertia",) if choice.inertia else ())
 
 
-def _physical(choice: Choice, scale: Scale, names: tuple[str, ...]) -> Callable[[Unknowns], Float[Array, "names"]]:
+@functools.partial(jax.jit, static_argnums=(0, 2))
+def _physical(
+    choice: Choice, scale: Scale, names: tuple[str, ...], unknowns: Float[Array, "lanes unknowns"]
+) -> tuple[Float[Array, "lanes names"], Float[Array, "lanes names unknowns"]]:
+    """The parameters of these names, and their Jacobian."""
+
     def values(unknowns: Unknowns) -> Float[Array, "names"]:
         guess = decode(choice, scale, unknowns)
         return jnp.stack([jnp.asarray(guess.inertia if name == "inertia" else getattr(guess.damper, name)) for name in names])
 
-    return values
+    return jax.vmap(values)(unknowns), jax.vmap(jax.jacfwd(values))(unknowns)
 
 
-def covariances(problem: Problem, choice: Choice, scale: Scale, unknowns: Unknowns) -> tuple[Matrix, Matrix]:
+def covariances(fit: Fit, unknowns: Vector) -> tuple[Matrix, Matrix]:
     """Of the unknowns, by the data alone and with the prior: H⁻¹ S H⁻¹, where S is Σ g_b g_bᵀ with the gradients g_b of blocks of the record,
     which holds for residuals that are correlated within a block; in each direction at least what residuals of one size, correlated as
     they are, make of it, as a few blocks may agree by chance."""
-    jacobian, left = (np.asarray(part) for part in _slopes(problem, choice, scale, unknowns))
-    counted = np.flatnonzero(np.asarray(problem.weight))
+    left, jacobian = (part[0] for part in fit.at(unknowns[None]))
+    counted = np.flatnonzero(np.asarray(fit.problem.weight))
     blocks = np.array_split(counted, max(BLOCKS, 2 * len(unknowns)))
     gradients = np.array([jacobian[block].T @ left[block] for block in blocks])
     gradients = gradients - gradients.mean(axis=0)  # where the prior pulls they do not add up to 0
@@ -118,36 +110,27 @@ def covariances(problem: Problem, choice: Choice, scale: Scale, unknowns: Unknow
     sizes, axes = np.linalg.eigh(few * white.T @ (gradients.T @ gradients) @ white)
     back = np.linalg.inv(white)
     spread = back.T @ (axes * np.maximum(sizes, 1.0)) @ axes.T @ back
-    weights = np.asarray(problem.prior) ** 2
+    weights = np.asarray(fit.problem.prior) ** 2
     both = np.linalg.inv(own + np.diag(weights))
     return inverse @ spread @ inverse, both @ (spread + np.diag(weights**2 * WIDTH**2)) @ both
 
 
-def uncertainty(
-    problem: Problem,
-    choice: Choice,
-    scale: Scale,
-    unknowns: Unknowns,
-    minimise: Callable[[Problem, Array, Array, Array, float], tuple[Array, np.ndarray]],
-    coarse: Problem,
-) -> Uncertainty:
+def uncertainty(fit: Fit, unknowns: Vector, coarse: Fit) -> Uncertainty:
     """Standard errors and correlations of the parameters. What the data hardly determine is followed along its likelihood, on the
-    record `coarse`, by `minimise(problem, starts, priors, centres, unit)`."""
-    names = names_of(choice, decode(choice, scale, unknowns).damper)
-    physical = _physical(choice, scale, names)
-    slopes = np.asarray(jax.jit(jax.jacfwd(physical))(unknowns))
-    values = np.asarray(physical(unknowns))
-    data, posterior = covariances(problem, choice, scale, unknowns)
+    thinned record of `coarse`."""
+    names = names_of(fit.choice, decoded(fit.choice, fit.scale, jnp.asarray(unknowns)).damper)
+    values, slopes = (np.asarray(part)[0] for part in _physical(fit.choice, fit.scale, names, jnp.asarray(unknowns)[None]))
+    data, posterior = covariances(fit, unknowns)
     by_data, by_both = (slopes @ matrix @ slopes.T for matrix in (data, posterior))
     errors, shrunk = (np.sqrt(np.diag(matrix)) for matrix in (by_data, by_both))
     own = np.sqrt(np.diag(data))
     # of the unknowns that do not enter linearly
-    bent = np.array([name not in LINEAR and not name.startswith("x - y") for name in unknown_names(choice)])
+    bent = np.array([name not in LINEAR and not name.startswith("x - y") for name in fit.names])
     hanging = np.flatnonzero(bent & (own > LOOSE))
     loose = np.any(np.abs(slopes[:, hanging]) * own[hanging] > 0.5 * errors[:, None], axis=1)
     intervals = {}
     if np.any(loose):
-        low, high = _profiles(coarse, choice, scale, unknowns, data, hanging, physical, minimise)
+        low, high = _profiles(coarse, unknowns, data, hanging, names)
         for index in np.flatnonzero(loose):
             intervals[names[index]] = float(low[index]), float(high[index])
             reach = max(high[index] - values[index], values[index] - low[index])
@@ -156,31 +139,27 @@ def uncertainty(
 
 
 def _profiles(
-    problem: Problem,
-    choice: Choice,
-    scale: Scale,
-    best: Unknowns,
-    data: Matrix,
-    hanging: np.ndarray,
-    physical: Callable,
-    minimise: Callable,
-) -> tuple[Samples, Samples]:
+    fit: Fit, best: Vector, data: Matrix, hanging: np.ndarray, names: tuple[str, ...]
+) -> tuple[Float[np.ndarray, "names"], Float[np.ndarray, "names"]]:
     """The least and the largest of each parameter where twice the logarithm of the likelihood ratio is 4, over all profiles."""
-    noise = noise_of(residual_of(problem, choice, scale, best))
-    problem = weigh_prior(problem, noise, widths=3.0)
-    firm = 1e3 * problem.prior[0]
-    starts, priors, centres = [best], [problem.prior], [problem.centre]
+    noise = noise_of(fit.residual(best))
+    problem = weigh_prior(fit.problem, noise, widths=3.0)
+    prior, centre = np.asarray(problem.prior), np.asarray(problem.centre)
+    starts, priors, centres = [best], [prior], [centre]
     for index in hanging:
         for ray in RAYS:
             own = np.sqrt(data[index, index])
             # the others go with it as their covariance says, within what the prior thinks likely
             start = best + ray * min(own, WIDTH) * np.clip(data[index] / own**2, -1.0, 1.0)
             starts.append(start)
-            priors.append(problem.prior.at[index].set(firm))
-            centres.append(problem.centre.at[index].set(start[index]))
-    ends, costs = minimise(problem, jnp.stack(starts), jnp.stack(priors), jnp.stack(centres), noise.unit)
+            held = np.arange(len(best)) == index
+            priors.append(np.where(held, 1e3 * prior[0], prior))
+            centres.append(np.where(held, start[index], centre))
+    fit = dataclasses.replace(fit, problem=problem)
+    ends, *_ = levenberg_marquardt(fit, np.stack(starts), ITERATIONS, noise.unit, np.stack(priors), np.stack(centres))
+    costs = np.sum(fit.at(ends)[0] ** 2, axis=1)
     deviance = np.maximum(costs - np.min(costs), 0.0) / noise.unit**2
-    reached = np.asarray(jax.jit(jax.vmap(physical))(ends))
+    reached = np.asarray(_physical(fit.choice, fit.scale, names, jnp.asarray(ends))[0])
     low, high = reached[0].copy(), reached[0].copy()
     for first in range(1, len(ends), len(RAYS)):
         for side in ((1, 0), (2, 3)):

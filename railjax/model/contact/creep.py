@@ -103,3 +103,14 @@ def contact_force(vehicle: Vehicle, creepage: Creepage, y_rel: Wheelsets, psi: W
         force = force + weight / half_gauge * y_rel
         moment = moment - weight * half_gauge * psi
     return ContactForce(force, moment, flange, u)
+
+
+def creep_forces(vehicle: Vehicle, creepage: Creepage, u: Wheelsets) -> tuple[Wheelsets, Wheelsets]:
+    """Creep of one wheel, N, along its longitudinal and lateral creepage, at the saturation u: what `contact_force` sums up for both.
+
+    The right wheel is pushed forwards by the former, the left one backwards.
+    """
+    contact = vehicle.contact
+    factor = 1.0 if contact.law == "linear" else saturation_factor(u)
+    lateral = contact.creep_lateral * creepage.lateral + contact.creep_lateral_spin * creepage.spin
+    return factor * contact.creep_longitudinal * creepage.longitudinal, factor * lateral

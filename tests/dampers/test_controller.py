@@ -1,0 +1,197 @@
+"""Controllers as they are built: sensors by hand, sensed laws against ideal ones, the estimators, faults."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.signal
+
+import railjax
+from railjax.dampers.control.device import Device, every_fault, together
+from railjax.dampers.control.estimators import ComplementaryFilter
+from railjax.dampers.control.kalman import KalmanFilter
+from railjax.dampers.control.sensors import KINDS, Sensors, noise_of
+from railjax.model.kinematics import size, split
+from railjax.testing import check_damper
+
+SPEED = 55.0
+TRACK = railjax.RandomTrack("erri-high", seed=3, length=1500.0)
+#: coordinates, rates and accelerations among the channels
+OF = ("", "_rate", "_acceleration")
+SKYHOOK = railjax.Skyhook(damping=1e5)
+
+
+def internal(run, controller):
+    """The controller's own states over time, by name, (samples, rows, n)."""
+    states = np.asarray(run.sampled.states)
+    own = states[:, 34 : 34 + 2 * controller.internal_states].reshape((len(states), -1, 2))
+    return {name: np.moveaxis(rows, 0, 1) for name, rows in controller.parts(np.moveaxis(own, 0, 1)).items()}
+
+
+def test_noise_is_white_of_unit_variance_and_a_function_of_its_counters():
+    like = jnp.zeros((3, 2, 4000))
+    count = jnp.broadcast_to(jnp.arange(4000.0), (2, 4000))
+    noise = jax.jit(noise_of)
+    e = np.asarray(noise(7.0, count, like))
+    assert abs(e.mean()) < 0.02
+    assert abs(e.std() - 1.0) < 0.02
+    assert np.abs(e).max() < np.sqrt(12.0)
+    rows = e.reshape(6, -1)
+    assert np.abs(np.corrcoef(rows) - np.eye(6)).max() < 0.06
+    assert np.abs([np.corrcoef(row[lag:], row[: 4000 - lag])[0, 1] for row in rows for lag in (1, 2, 3)]).max() < 0.06
+    # a lane alone, and in another batch
+    alone = noise(7.0, count[:, 17], like[..., 0])
+    np.testing.assert_array_equal(alone, e[..., 17])
+    several = noise(jnp.array([3.0, 7.0]), count[:, 17:18], like[..., :2])
+    np.testing.assert_array_equal(several[..., 1], e[..., 17])
+    assert np.all(np.asarray(several[..., 0]) != e[..., 17])
+
+
+def test_converters_quantise_and_let_derivatives_pass():
+    sensors = dataclasses.replace(Sensors.typical(delay=0), noise=np.zeros(3))
+    z = jnp.array([[[0.123]], [[-4.567]], [[1.23e-3]]])
+    given = np.asarray(sensors.converted(z, 0.0, jnp.zeros((1, 1)))).ravel()
+    bias, step = ([getattr(KINDS[name], of) for name in sensors.names] for of in ("bias", "quantum"))
+    np.testing.assert_allclose(given, np.round((np.ravel(z) + bias) / step) * np.array(step), rtol=1e-12)
+    slope = jax.grad(lambda z: jnp.sum(sensors.converted(z, 0.0, jnp.zeros((1, 1)))))(z)
+    np.testing.assert_array_equal(slope, 1.0)
+
+
+@pytest.mark.parametrize("law", [SKYHOOK, railjax.BalanceLogic(0.7, damping_min=4e3, force_limit=3e3)], ids=["valve", "force"])
+def test_a_controller_is_a_damper_that_never_pushes(coach, law):
+    """The package's own tester: pytree, lanes, derivatives, symmetry, dissipation at every instant."""
+    check_damper(railjax.Controller(wraps=law, sensors=Sensors.ideal()), coach, energy="instant")
+
+
+@pytest.fixture(scope="module")
+def sensed(coach):
+    """Shares of what is usual of noise, bias, quanta, bandwidth, drift and sample time, one a lane; 1 s of a sinusoid in steps of 1/8 ms."""
+    shares = np.array([1.0, 0.5, 0.25, 0.125])
+    parts = [Sensors.typical(delay=0).scaled(share) for share in shares]
+    sensors = jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *parts)
+    options = {
+        "track": railjax.SinusoidTrack(5e-3, 20.0), "duration": 1.0, "dt": 1.25e-4, "sample": 1e-3, 
+        "record": ("damper_force", "carbody_acceleration"),
+    }  # fmt: skip
+    controller = railjax.Controller(
+        wraps=dataclasses.replace(SKYHOOK, law="smooth"),
+        sensors=sensors,
+        estimator=ComplementaryFilter(drift=0.1 * shares),
+        sample_time=1e-3 * shares,
+    )
+    return shares, controller, railjax.simulate(coach, SPEED, damper=controller, **options), options
+
+
+def test_sensed_skyhook_converges_to_the_ideal_law(coach, sensed):
+    """Of first order in the share of everything that stands between the law and the motion."""
+    _, controller, run, options = sensed
+    ideal = np.asarray(railjax.simulate(coach, SPEED, damper=controller.wraps, **options)["damper_force"])
+    off = np.asarray(run["damper_force"]) - ideal[..., None]
+    errors = np.sqrt(np.mean(off**2, axis=(0, 1))) / ideal.std()
+    orders = np.log2(errors[:-1] / errors[1:])
+    assert np.all(np.diff(errors) < 0.0)
+    assert 0.85 < orders[-1] < 1.3, (errors, orders)
+    assert errors[-1] < 0.15
+
+
+def test_accelerometer_is_the_acceleration_behind_a_low_pass(coach):
+    """Against SciPy's filter of the acceleration and roll of the run."""
+    controller = railjax.Controller(wraps=SKYHOOK)
+    run = railjax.simulate(
+        coach, SPEED, track=TRACK, damper=controller, duration=1.5, sample=1e-3, record=("carbody_acceleration",)
+    )
+    body = {(name, of): np.asarray(run[f"carbody_{name}{of}"])[:, None] for name in ("y", "psi", "phi") for of in OF}
+    above = {of: body["y", of] + 1.24 * body["phi", of] + np.array([8.6, -8.6]) * body["psi", of] for of in OF}
+    tau = 1.0 / (2.0 * np.pi * KINDS["carbody_acceleration"].bandwidth)
+    felt = above["_acceleration"] + 9.81 * body["phi", ""]
+    expected = scipy.signal.lfilter(*scipy.signal.bilinear([1.0], [tau, 1.0], 1e3), felt, axis=0)
+    read = (above["_rate"] - internal(run, controller)["filtered"][:, 0]) / tau
+    # the force's steps from sample to sample fall between the filter's samples
+    assert np.std(read - expected) < 0.03 * expected.std()
+    assert np.std(read - felt) > 0.06 * expected.std()
+
+
+def test_delays_are_whole_samples_and_a_sample_is_taken_once(coach):
+    controller = railjax.Controller(wraps=SKYHOOK, sensors=dataclasses.replace(Sensors.typical(), delays=(0, 1, 3)), faults=None)
+    rng, n = np.random.default_rng(0), 17
+    own, seen_readings = jnp.zeros((controller.internal_states, 2)), []
+    held = jax.jit(controller.held)
+    for _ in range(5):
+        x = jnp.asarray(1e-2 * rng.normal(size=2 * n))
+        seen = railjax.Seen(*(split(coach, part) for part in (x[:n], x[n:])))
+        travel, velocity = jnp.asarray(rng.normal(size=(2, 2)))
+        once = held(coach, travel, velocity, own, seen)
+        np.testing.assert_array_equal(held(coach, travel, velocity, once, seen), once)
+        seen_readings.append(np.asarray(controller.parts(once)["readings"])[:3])
+        half = once.at[0].add(-0.5e-3)
+        np.testing.assert_array_equal(held(coach, -travel, velocity, half, seen), half)
+        own = once.at[0].add(-1e-3)
+    line = np.asarray(controller.parts(own)["readings"]).reshape(3, 3, 2)
+    for age in range(3):
+        np.testing.assert_array_equal(line[age], seen_readings[-1 - age])
+    assert float(own[1, 0]) == 5.0
+
+
+@pytest.fixture(scope="module")
+def kalman(coach):
+    sensors = Sensors.typical()
+    return sensors, KalmanFilter.design(coach, SPEED, sensors)
+
+
+def test_kalman_filter_knows_the_car_body_in_a_nonlinear_run(coach, kalman):
+    """All states of it from six sensors with noise, bias and delay, on a track whose course the filter does not know."""
+    sensors, estimator = kalman
+    lqr = railjax.ClippedLQR.design(coach, SPEED)
+    controller = railjax.Controller(wraps=lqr, sensors=sensors, estimator=estimator)
+    run = railjax.simulate(coach, SPEED, track=TRACK, damper=controller, duration=6.0, record=("carbody_y_rate",))
+    memory = internal(run, controller)["memory"][:, : estimator.states - 1]
+    known = memory.reshape(len(memory), -1)[200:, :34]
+    truth = np.asarray(run.sampled.states)[200:, :34]
+    off = np.sqrt(np.mean((known - truth) ** 2, axis=0)) / truth.std(axis=0)
+    body = dict(zip(("y", "psi", "phi"), off[size(coach) : size(coach) + 3], strict=True))
+    assert body["phi"] < 0.1, body
+    assert max(body["y"], body["psi"]) < 0.4, body
+    assert off[20:22].max() < 0.1  # the bogies' lateral rates
+
+
+def test_every_fault_ends_in_a_stable_ride(coach):
+    """All single faults as lanes, at 1 s of 6; the damper takes energy out throughout, and the ride stays a ride."""
+    controller = railjax.Controller(wraps=SKYHOOK, device=Device())
+    faults = every_fault(controller.sensors.names, 2, 1.0)
+    assert len(faults) == 1 + 1 + 2 * (1 + 1 + 3)
+    run = railjax.simulate(
+        coach, SPEED, track=TRACK, damper=dataclasses.replace(controller, faults=together(faults)), duration=6.0,
+        record=("damper_force", "secondary_velocity", "carbody_acceleration"), reduce=("peak:secondary_travel",),
+    )  # fmt: skip
+    assert np.all(np.asarray(run.ok))
+    assert np.min(np.asarray(run["damper_force"]) * np.asarray(run["secondary_velocity"])) >= 0.0
+    rms = dict(zip(faults, np.std(np.asarray(run["carbody_acceleration"])[200:], axis=0), strict=True))
+    assert max(rms.values()) < 3.0 * rms["none"], rms
+    assert np.max(np.asarray(run["peak:secondary_travel"])) < 0.05
+    force = np.asarray(run["damper_force"])
+    lost, dead, sound = (list(faults).index(name) for name in ("current lost", "one damper dead, leading", "none"))
+    # before the fault nothing differs; without current the valve is open
+    np.testing.assert_array_equal(force[:95, :, lost], force[:95, :, sound])
+    velocity = np.asarray(run["secondary_velocity"])
+    open_valve = 2.0 * controller.device.damping_min * velocity[150:, :, lost]
+    np.testing.assert_allclose(force[150:, :, lost], open_valve, rtol=1e-9, atol=1e-6)
+    assert np.std(force[150:, 0, dead]) < 0.7 * np.std(force[150:, 1, dead])
+
+
+def test_what_does_not_belong_together_is_refused(coach):
+    for controller, about in (
+        (railjax.Controller(), "wraps"),
+        (railjax.Controller(wraps=railjax.BoucWenDamper()), "BoucWenDamper"),
+        (railjax.Controller(wraps=railjax.Skyhook(), sensors=Sensors.typical("travel")), "carbody_acceleration"),
+        (railjax.Controller(wraps=railjax.ClippedLQR(feedback=np.zeros((2, 34)))), "KalmanFilter"),
+        (railjax.Controller(wraps=SKYHOOK, device=Device(damping_min=6e4)), "damping_max"),
+        (railjax.Controller(wraps=SKYHOOK, sample_time=-1.0), "sample_time"),
+        (railjax.Controller(wraps=SKYHOOK, sensors=dataclasses.replace(Sensors.ideal(), bandwidth=np.zeros(3))), "bandwidth"),
+    ):
+        with pytest.raises(railjax.InputError, match=about):
+            railjax.simulate(coach, SPEED, damper=controller, duration=0.1)
+    with pytest.raises(railjax.InputError, match="carbody_acceleration"):
+        Sensors.typical("carbody_aceleration")

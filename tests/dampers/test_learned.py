@@ -1,0 +1,126 @@
+"""Learned laws: what they begin as, their symmetry, files, and the same law in C."""
+
+import ctypes
+import dataclasses
+import shutil
+import subprocess
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import railjax
+from railjax.dampers.control.device import Device
+from railjax.dampers.control.export_c import source_of
+from railjax.dampers.control.kalman import KalmanFilter
+from railjax.dampers.control.sensors import Sensors
+from railjax.testing import check_damper
+
+SKYHOOK = railjax.Skyhook(damping=1e5)
+SAMPLES = 4000
+
+
+@pytest.fixture(scope="module")
+def controller():
+    return railjax.Controller(wraps=SKYHOOK, device=Device(slew=50.0))
+
+
+@pytest.fixture(scope="module")
+def begun(coach, controller):
+    return railjax.LearnedDamper.of(controller, coach)
+
+
+@pytest.fixture(scope="module")
+def other(begun):
+    """As if it had been trained: all numbers moved."""
+    rng = np.random.default_rng(1)
+    changed = {
+        name: getattr(begun, name) + 0.05 * rng.normal(size=np.shape(getattr(begun, name)))
+        for name in ("linear_gain", "hidden_demand")
+    }
+    return dataclasses.replace(begun, **changed, time_constants=begun.time_constants * 1.3)
+
+
+@pytest.fixture(scope="module")
+def readings():
+    """A ride's, (samples, sensors, bogies)."""
+    rng = np.random.default_rng(0)
+    t = 1e-3 * np.arange(SAMPLES)[:, None]
+    tones = rng.uniform(0.3, 12.0, (3, 2, 1, 12))
+    waves = np.sum(np.sin(2 * np.pi * tones * t[:, 0][None, None, :, None] + rng.uniform(0, 6, tones.shape)), axis=-1) / 3.0
+    return np.moveaxis(waves, -1, 0) * np.array([0.3, 3.0, 6e-3])[:, None]
+
+
+def commands(law, vehicle, readings):
+    """What the law commands of readings, one sample after the other, (samples, bogies)."""
+
+    @jax.jit
+    def all_of(law, vehicle, readings):
+        def one(carry, signals):
+            memory, command = carry
+            elapsed = jnp.full(2, law.sample_time)
+            wanted, memory = law.decide(vehicle, signals, memory, elapsed)
+            command = law.on.slewed(wanted, command, elapsed)
+            return (memory, command), command
+
+        return jax.lax.scan(one, (jnp.zeros((law.memory_rows, 2)), jnp.zeros(2)), readings)[1]
+
+    return np.asarray(all_of(law, vehicle, jnp.asarray(readings)))
+
+
+def test_it_begins_as_the_law_it_is_made_of(coach, controller, begun, readings):
+    """But for the rounding of the velocity that a demand is divided by."""
+    off = commands(begun, coach, readings) - commands(controller, coach, readings)
+    assert np.sqrt(np.mean(off**2)) < 0.04
+    assert begun.origin == "Skyhook"
+    # of clipped LQR all states are fed back as they are estimated
+    sensors = Sensors.typical()
+    lqr = railjax.ClippedLQR.design(coach, 55.0)
+    full = railjax.Controller(wraps=lqr, sensors=sensors, estimator=KalmanFilter.design(coach, 55.0, sensors))
+    gain = railjax.LearnedDamper.of(full, coach, hidden=0, time_constants=())
+    rows = (gain.linear_gain * gain.demand[:, None] / gain.scale)[:, :34]
+    np.testing.assert_allclose(rows, lqr.feedback, rtol=1e-9)
+    for law, about in ((railjax.Skyhook(), "linear"), (railjax.ADD(), "linear")):
+        with pytest.raises(railjax.InputError, match=about):
+            railjax.LearnedDamper.of(railjax.Controller(wraps=law), coach)
+
+
+def test_it_is_a_damper_that_never_pushes(coach, other):
+    check_damper(dataclasses.replace(other, sensors=Sensors.ideal()), coach, energy="instant")
+
+
+def test_files_keep_every_bit(coach, other, controller, tmp_path, readings):
+    path = tmp_path / "law.npz"
+    other.save(path)
+    again = railjax.load_law(path)
+    assert jax.tree.structure(again) == jax.tree.structure(other)
+    for one, two in zip(jax.tree.leaves(again), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(one, two)
+    controller.save(path)
+    assert railjax.load_law(path).wraps == SKYHOOK
+    path.write_bytes(path.read_bytes()[:300])
+    for wrong, about in ((path, "damaged"), (tmp_path / "none.npz", "no law")):
+        with pytest.raises(railjax.InputError, match=about):
+            railjax.load_law(wrong)
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+def test_the_law_in_c_is_the_law(coach, other, readings, tmp_path):
+    """Over 4 s, to 1e-6 of the valve's range."""
+    other.export_c(tmp_path / "law.c", name="ride_law")
+    library = tmp_path / "law.so"
+    warnings = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
+    subprocess.run(["gcc", "-O2", *warnings, "-shared", "-fPIC", str(tmp_path / "law.c"), "-o", str(library), "-lm"], check=True)
+    code = ctypes.CDLL(str(library))
+    given = np.ascontiguousarray(readings, np.float32)
+    state, found = ctypes.create_string_buffer(1 << 16), np.empty((SAMPLES, 2), np.float32)
+    code.ride_law_reset(state)
+    for k in range(SAMPLES):
+        code.ride_law(state, given[k].ctypes.data_as(ctypes.c_void_p), found[k].ctypes.data_as(ctypes.c_void_p))
+    wanted = commands(other, coach, given.astype(float))
+    assert 0.1 < np.std(wanted) < 0.6
+    np.testing.assert_allclose(found, wanted, atol=1e-6, rtol=0.0)
+    for wrong in ("2law", "a-b", ""):
+        with pytest.raises(railjax.InputError, match="name"):
+            source_of(other, wrong)

@@ -1,0 +1,216 @@
+"""Steady curving against closed forms, an independent solution in NumPy and SciPy, balances of forces, and differences."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from derivatives import check
+from scipy.optimize import root
+
+import railjax
+from railjax.base.elimination import eliminated, inverse
+from railjax.model.kinematics import heights
+
+G, BASE = 9.81, 1.5
+
+
+def independent(vehicle, speed, radius, cant):
+    """Equilibrium of a vehicle of two bogies with two axles, body by body and spring by spring; the load grows, SciPy's hybrid method."""
+    p, s, g, c, w = vehicle.primary, vehicle.secondary, vehicle.geometry, vehicle.contact, vehicle.wheelset
+    l, a, e, dc, do = g.half_pivot_distance, g.half_wheelbase, g.half_gauge, g.half_secondary, g.half_primary
+
+    def forces(q, load):
+        kappa, lateral = load / radius, speed**2 * load / radius - G * load * cant / BASE
+        yc, pc, fc, yb, pb, fb = q[0], q[1], q[2], q[3:5], q[5:7], q[7:9]
+        y, psi = q[9:13].reshape(2, 2), q[13:].reshape(2, 2)
+        body, frame, wheels = np.zeros(3), np.zeros((2, 3)), np.zeros((2, 2, 2))
+        body[0] = -vehicle.carbody.mass * lateral
+        for j, x in enumerate((l, -l)):
+            frame[j, 0] -= vehicle.bogie.mass * lateral
+            # the car body seen from the bogie's place on the circle
+            across = yc + g.carbody_height * fc + x * pc - kappa * x**2 / 2 - (yb[j] - g.bogie_to_secondary * fb[j])
+            f = 2 * s.stiffness_y * across
+            body += [-f, -f * x, -f * g.carbody_height]
+            frame[j] += [f, 0.0, -f * g.bogie_to_secondary]
+            turn = 2 * s.stiffness_x * dc**2 * (pc - kappa * x - pb[j])
+            body[1] -= turn
+            frame[j, 1] += turn
+            roll = (2 * s.stiffness_z * dc**2 + s.anti_roll_stiffness) * (fc - fb[j])
+            body[2] -= roll
+            frame[j, 2] += roll - 4 * p.stiffness_z * do**2 * fb[j]
+            for i, z in enumerate((a, -a)):
+                f = 2 * p.stiffness_y * (yb[j] + z * pb[j] - kappa * z**2 / 2 + g.bogie_to_primary * fb[j] - y[j, i])
+                turn = 2 * p.stiffness_x * do**2 * (pb[j] - kappa * z - psi[j, i])
+                frame[j] += [-f, -f * z - turn, -f * g.bogie_to_primary]
+                xi_x, xi_y = e * kappa + c.conicity * y[j, i] / w.wheel_radius, -psi[j, i]
+                tx, ty = c.creep_longitudinal * xi_x, c.creep_lateral * xi_y
+                u = np.hypot(tx, ty) / (c.friction * c.wheel_load)
+                share = 1.0 if c.law == "linear" else 1 - u / 3 + u**2 / 27 if u < 3 else 1 / u
+                flange = c.flange_stiffness * np.sign(y[j, i]) * max(abs(y[j, i]) - c.flange_clearance, 0.0)
+                flange = 0.0 if c.law == "linear" else flange
+                spin = share * c.creep_lateral_spin * kappa
+                wheels[j, i] = (
+                    f - w.mass * lateral - 2 * share * ty - 2 * spin - flange,
+                    turn - 2 * e * share * tx + 2 * share * c.creep_lateral_spin * xi_y - 2 * share * c.creep_spin * kappa,
+                )
+        # newtons and metres; one unknown a body and direction, in the order of q
+        parts = [body, frame[:, 0], frame[:, 1], frame[:, 2], wheels[..., 0].ravel(), wheels[..., 1].ravel()]
+        return np.concatenate(parts) / 1e3
+
+    q = np.zeros(17)
+    for load in np.linspace(0.05, 1.0, 20):
+        found = root(lambda q, load=load: forces(q * 1e-3, load), q * 1e3, method="hybr", tol=1e-13, options={"maxfev": 20000})
+        q = found.x * 1e-3
+    assert np.max(np.abs(forces(q, 1.0))) < 1e-6  # mN
+    return q
+
+
+def test_a_free_wheelset_rolls_without_slip(coach):
+    """y = -e r_0 kappa/lambda, psi = 0 at the balanced cant, in curves to both sides."""
+    lone = railjax.replace(
+        railjax.load_vehicle("single-wheelset"), primary__stiffness_x=0.0, primary__stiffness_y=0.0, contact__law="linear"
+    )
+    lone = railjax.replace(lone, contact__creep_spin=0.0, contact__creep_lateral_spin=0.0)
+    radius = np.array([500.0, -500.0, 2000.0])
+    speed = 20.0
+    found = railjax.curving(lone, speed, radius=radius, cant=BASE * speed**2 / (G * np.abs(radius)))
+    rolling = -lone.geometry.half_gauge * lone.wheelset.wheel_radius / radius / lone.contact.conicity
+    np.testing.assert_allclose(found.wheelset_y[0], rolling, rtol=1e-10)
+    np.testing.assert_allclose(found.wheelset_psi[0], 0.0, atol=1e-14)
+    np.testing.assert_allclose(found.wear_number, 0.0, atol=1e-9)
+
+
+def test_the_design_s_coach(coach):
+    """The independent solution that the design gives: linear creep, R 1000 m, 120 km/h, theta 1/15."""
+    found = railjax.curving(railjax.replace(coach, contact__law="linear"), 120 / 3.6, radius=1000.0, cant=0.1)
+    np.testing.assert_allclose(1e3 * found.wheelset_y, [-5.921, -2.765, -5.650, -2.676], atol=5.1e-4)
+    np.testing.assert_allclose(1e3 * found.wheelset_psi, [-0.0437, 0.5025, -0.1035, 0.5594], atol=5.1e-5)
+
+
+@pytest.mark.parametrize(
+    ("radius", "kmh", "cant", "friction"),
+    [
+        (1000.0, 120.0, 0.1, None),
+        (600.0, 60.0, 0.15, 0.25),
+        (300.0, 80.0, 0.1, None),
+        (200.0, 50.0, 0.0, 0.2),
+        (250.0, 40.0, 0.0, 0.1),
+    ],
+)
+def test_saturated_and_flange_cases_against_an_independent_solution(coach, radius, kmh, cant, friction):
+    vehicle = coach if friction is None else railjax.replace(coach, contact__friction=friction)
+    found = railjax.curving(vehicle, kmh / 3.6, radius=radius, cant=cant)
+    assert found.code == railjax.Equilibrium.OK
+    expected = independent(vehicle, kmh / 3.6, radius, cant)
+    np.testing.assert_allclose(found.state[:17], expected, atol=1e-9)
+    if radius < 400.0:
+        assert np.min(found.wheelset_y) < -float(vehicle.contact.flange_clearance)
+        assert np.max(found.saturation) > 1.5
+
+
+def test_forces_and_moments_are_in_balance(coach):
+    """ΣY carries all masses, and the load transfer the moments about the rails, whatever the wheels do."""
+    speed, radius, cant = 60 / 3.6, np.array([200.0, 400.0, 2000.0]), np.array([0.0, 0.1, 0.15])
+    found = railjax.curving(coach, speed, radius=radius, cant=cant)
+    sideways = speed**2 / radius - G * cant / BASE
+    masses = {"carbody": coach.carbody.mass, "bogie": 2 * coach.bogie.mass, "wheelset": 4 * coach.wheelset.mass}
+    np.testing.assert_allclose(np.sum(found.sum_y, axis=0), sum(masses.values()) * sideways, rtol=1e-9)
+    moment = sum(masses[body] * height for body, height in heights(coach).items()) * sideways
+    np.testing.assert_allclose(np.sum(found.load_transfer, axis=0) * 2 * coach.geometry.half_gauge, moment, rtol=1e-9)
+    np.testing.assert_allclose(np.sum(found.wheel_load, axis=(0, 1)), 8 * coach.contact.wheel_load, rtol=1e-12)
+    np.testing.assert_allclose(1.5 * sideways / G, found.cant_deficiency, rtol=1e-12)
+
+
+def test_balanced_cant_and_mirrored_curves(coach):
+    speed, radius = 25.0, np.array([600.0, -600.0])
+    found = railjax.curving(coach, speed, radius=radius, cant=BASE * speed**2 / (G * 600.0))
+    np.testing.assert_allclose(found.carbody_acceleration, 0.0, atol=1e-9)
+    np.testing.assert_allclose(found.carbody_roll, 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.cant_deficiency, 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.wheelset_y[:, 0], -found.wheelset_y[:, 1], rtol=1e-12)
+    np.testing.assert_allclose(found.guiding_force[:, :, 0], -found.guiding_force[:, ::-1, 1], rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(found.angle_of_attack[:, 0], found.angle_of_attack[:, 1], rtol=1e-9)
+    np.testing.assert_allclose(found.y_over_q[:, :, 0], found.y_over_q[:, ::-1, 1], rtol=1e-9, atol=1e-9)
+    straight = railjax.curving(coach, speed, radius=np.inf)
+    np.testing.assert_array_equal(straight.state, 0.0)
+
+
+def test_gradients_of_wear_and_guiding_force(coach):
+    """By vehicle, speed, radius and cant, beyond the flange's corner and in saturated creep."""
+
+    def of(stiffness, friction, speed, radius, cant):
+        vehicle = railjax.replace(coach, primary__stiffness_x=stiffness * 1e6, contact__friction=friction)
+        found = railjax.curving(vehicle, speed, radius=radius * 100.0, cant=cant)
+        return jnp.stack([found.wear_number, 1e-3 * found.guiding_force[0, 0], 1e3 * found.angle_of_attack[0]])
+
+    check(of, 3.2, 0.3, 20.0, 3.0, 0.1, rtol=1e-6, atol=1e-5)
+
+
+def test_lanes_are_alike_and_failures_are_marked(coach):
+    """A lane without equilibrium, or without a number, is NaN; it leaves the others and their derivatives alone."""
+    radius, speed = np.array([300.0, 150.0, 300.0, 900.0, 150.0]), np.array([20.0, 80.0, 20.0, 30.0, 30.0])
+    friction = np.array([0.4, 0.4, np.nan, 0.4, 0.4])
+
+    def curved(factor=1.0):
+        vehicle = railjax.replace(coach, contact__friction=friction, contact__conicity=factor * coach.contact.conicity)
+        return railjax.curving(vehicle, speed, radius=radius, cant=0.1)
+
+    found = curved()
+    assert found.code.tolist() == [0, 1, 1, 0, 2]
+    np.testing.assert_array_equal(np.isnan(found.wear_number), [False, True, True, False, False])
+    alone = railjax.curving(railjax.replace(coach, contact__friction=0.4), 30.0, radius=900.0, cant=0.1)
+    np.testing.assert_allclose(found.wheelset_y[:, 3], alone.wheelset_y, rtol=1e-9)
+    assert alone.code == railjax.Equilibrium.OK
+    lanes = np.array([0, 3, 4])
+    slopes = [jax.grad(lambda f, of=of: jnp.nansum(curved(f).wear_number[of]))(1.0) for of in (slice(None), lanes)]
+    assert np.isfinite(slopes[0])
+    np.testing.assert_allclose(slopes[0], slopes[1], rtol=1e-12)
+    assert "failed: 2 of 5" in str(found)
+    assert "lifted: 1 of 5" in str(found)
+
+
+def test_internal_states_come_to_rest():
+    """Yaw dampers in series with a stiffness let go."""
+    dampers = railjax.load_vehicle("coach-mpe2019")
+    found = railjax.curving(dampers, 25.0, radius=500.0, cant=0.1)
+    elongation, yaw = found.state[-2:], dampers.yaw_damper.half_distance * (found.state[1] - found.bogie_yaw)
+    x = dampers.geometry.half_pivot_distance * np.array([1, -1])
+    np.testing.assert_allclose(elongation, yaw - dampers.yaw_damper.half_distance * x / 500.0, rtol=1e-8)
+
+
+def test_small_systems_against_lapack():
+    rng = np.random.default_rng(0)
+    matrix, right = rng.normal(size=(7, 7, 5)), jnp.asarray(rng.normal(size=(7, 2, 5)))
+    matrix[0, 0] = 0.0  # which asks for a pivot
+    across, matrix = np.moveaxis(matrix, -1, 0), jnp.asarray(matrix)
+    np.testing.assert_allclose(
+        np.moveaxis(eliminated(matrix, right), -1, 0), np.linalg.solve(across, np.moveaxis(right, -1, 0)), rtol=1e-9
+    )
+    np.testing.assert_allclose(np.moveaxis(inverse(matrix), -1, 0), np.linalg.inv(across), rtol=1e-8, atol=1e-12)
+
+
+def test_verb(run, tmp_path):
+    code, out, _ = run("curving", "coach", "--radius-m", 300, "--cant-mm", 100, "--speed-kmh", 80, "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert found["wheelset_y_mm"][0] == pytest.approx(-12.485, abs=1e-3)
+    assert {"wheelset_yaw_mrad", "guiding_force_kN", "wear_number_N", "y_over_q"} <= found.keys()
+    assert found["cant_deficiency_mm"] == pytest.approx(BASE / G * 1e3 * (80 / 3.6) ** 2 / 300 - 100)
+    picture = tmp_path / "curve.png"
+    code, text, _ = run("curving", "coach", "--radius-m", 300, "--cant-mm", 100, "--cant-deficiency-mm", 100, "--out", picture)
+    assert code == 0
+    assert "calibrated" in text
+    assert picture.stat().st_size > 10_000
+    for wrong, says in (
+        (("--radius-m", 300), "give --speed-kmh"),
+        (("--radius-m", 0, "--speed-kmh", 80), "--radius-m must not be 0"),
+        (("--radius-m", 300, "--speed-kmh", 80, "--cant-mm", 100, "--cant-deficiency-mm", 10), "exclude each other"),
+    ):
+        code, _, error = run("curving", "coach", *wrong)
+        assert code == 2
+        assert says in error
+    code, _, error = run("curving", "coach", "--radius-m", 150, "--speed-kmh", 250)
+    assert code == 1
+    assert "no equilibrium" in error
