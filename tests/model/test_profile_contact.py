@@ -139,7 +139,7 @@ def test_assessment_by_nadal(profiled):
     run = railjax.simulate(profiled, 75.0, duration=10.0, sample=5e-3, initial={"wheelset_y": 7e-3}, record=record)
     found = railjax.acceptance(profiled, run, section_length=100.0, margin=1.0, minimum_sections=3)
     slope = np.tan(np.radians(70.0))  # of S1002's flange
-    assert found.findings["derailment"].limit == pytest.approx((slope - 0.3) / (1.0 + 0.3 * slope), rel=1e-6)
+    assert found.findings["derailment"].limit == pytest.approx((slope - 0.3) / (1.0 + 0.3 * slope), rel=1e-5)
     assert 0.05 < found.findings["derailment"].value < 1.0
     assert "derailment quotient Y/Q" in str(found)
     assert "sum of both wheels only" not in str(found)
