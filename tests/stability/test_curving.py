@@ -11,6 +11,7 @@ from scipy.optimize import root
 
 import railjax
 from railjax.base.elimination import eliminated, inverse
+from railjax.model.contact.profile_table import with_profiles
 from railjax.model.kinematics import heights
 
 G, BASE = 9.81, 1.5
@@ -214,3 +215,20 @@ def test_verb(run, tmp_path):
     code, _, error = run("curving", "coach", "--radius-m", 150, "--speed-kmh", 250)
     assert code == 1
     assert "no equilibrium" in error
+
+
+def test_profiles_guide_by_their_contact_angles(coach):
+    """S1002 on 60E1: the leading outer wheel is at its flange in R 300 m, in R 1500 m all run freely; ΣY carries all masses."""
+    vehicle = with_profiles(coach)
+    speed, radius = np.array([80.0, 80.0, 144.0]) / 3.6, np.array([300.0, 600.0, 1500.0])
+    found = railjax.curving(vehicle, speed, radius=radius, cant=0.1)
+    assert found.code.tolist() == [0, 0, 0]
+    mass = coach.carbody.mass + 2 * coach.bogie.mass + 4 * coach.wheelset.mass
+    np.testing.assert_allclose(np.sum(found.sum_y, axis=0), mass * (speed**2 / radius - G * 0.1 / BASE), rtol=1e-9)
+    quotient = found.y_over_q[0, 0]
+    assert 0.3 < quotient[0] < 0.5
+    assert quotient[1] < 0.2
+    assert quotient[2] < 0.05
+    assert found.wheelset_y[0, 0] < -6.2e-3 < found.wheelset_y[0, 1]
+    wear = np.asarray(found.wear_number)
+    assert wear[0] > 3 * wear[1] > 6 * wear[2]
