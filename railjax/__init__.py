@@ -43,9 +43,11 @@ if TYPE_CHECKING:
     from .model.damper import Damper, PassiveDamper, Seen
     from .model.motion import matrices, state_matrix, track_matrix
     from .model.parameters import get_parameter, parameters, replace, set_parameter
+    from .model.track.layout import Layout
     from .model.track.measured import MeasuredTrack
     from .model.track.random import RandomTrack
     from .model.track.sampled import spectrum_of
+    from .model.track.segments import Segment
     from .model.track.shapes import BumpTrack, SinusoidTrack, TangentTrack, alignment
     from .model.track.spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
     from .model.vehicle import BumpStop, CrossBracing, LateralDamper, Vehicle, YawDamper
@@ -129,6 +131,7 @@ __all__ = [
     "InputError",
     "KalmanFilter",
     "LateralDamper",
+    "Layout",
     "LearnedDamper",
     "LeastDamping",
     "LimitCycle",
@@ -150,6 +153,7 @@ __all__ = [
     "RunningRecord",
     "Scatter",
     "Seen",
+    "Segment",
     "Sensors",
     "Simulation",
     "SinusoidTrack",
@@ -260,6 +264,8 @@ _NAMES = {
     "base.batches": "use_all_cores",
     "stability.hunting.limit_cycles": "Branch LimitCycle",
     "stability.linear_critical": "Stability linear_critical linear_critical_speed",
+    "model.track.layout": "Layout",
+    "model.track.segments": "Segment",
     "model.track.measured": "MeasuredTrack",
     "stability.modes": "Modes RootLocus modes root_locus",
     "model.motion": "matrices state_matrix track_matrix",
