@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from .simulation.channels import CHANNELS
     from .simulation.simulate import Result, Simulation, simulate
     from .simulation.speed import SpeedProfile
+    from .stability.curving.critical import CurveCritical, curve_critical
     from .stability.curving.result import Equilibrium, SteadyCurving
     from .stability.curving.steady import curving
     from .stability.hunting.branch import hunting_branch
@@ -112,6 +113,7 @@ __all__ = [
     "Controller",
     "CriticalSpeed",
     "CrossBracing",
+    "CurveCritical",
     "Damper",
     "Device",
     "Equilibrium",
@@ -185,6 +187,7 @@ __all__ = [
     "contact_ellipse",
     "contact_geometry",
     "creep_coefficients",
+    "curve_critical",
     "curving",
     "each_point",
     "equivalent_conicity",
@@ -311,6 +314,7 @@ _NAMES = {
     "ride.vibration": "sperling weighted_acceleration weighted_rms",
     "ride.weightings": "weighting weighting_filter",
     "model.contact.conicity": "equivalent_conicity nonlinearity_parameter",
+    "stability.curving.critical": "CurveCritical curve_critical",
     "stability.curving.result": "Equilibrium SteadyCurving",
     "stability.curving.steady": "curving",
     "model.contact.geometry": "ContactGeometry contact_geometry",

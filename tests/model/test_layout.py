@@ -90,6 +90,9 @@ def test_bad_layouts_are_refused_or_warned_of(tmp_path):
     with pytest.warns(RuntimeWarning, match="jumps at 50 m without a transition"):
         jump = Layout([Segment.straight(50.0), Segment.arc(100.0, 500.0)])
     np.testing.assert_allclose(jump.at(np.array([47.9, 50.0, 52.1]))[0], [0.0, 0.001, 0.002], rtol=1e-12)
+    np.testing.assert_allclose(
+        Layout([Segment.arc(100.0, 500.0, 0.1)]).at(np.array([-20.0, 0.0, 200.0])), [[1 / 500] * 3, [1 / 15] * 3]
+    )
     with pytest.warns(RuntimeWarning, match="cant of 250 mm"):
         Layout([TURN, Segment.arc(100.0, 500.0, 0.25), TURN])
 

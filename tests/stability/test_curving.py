@@ -232,3 +232,33 @@ def test_profiles_guide_by_their_contact_angles(coach):
     assert found.wheelset_y[0, 0] < -6.2e-3 < found.wheelset_y[0, 1]
     wear = np.asarray(found.wear_number)
     assert wear[0] > 3 * wear[1] > 6 * wear[2]
+
+
+def test_critical_speed_in_a_curve(coach):
+    """With linear creep the curve changes nothing; else it is where the growth of the motion about the equilibrium is zero, with gradients."""
+    linear = railjax.curve_critical(railjax.replace(coach, contact__law="linear"), radius=3000.0, cant_deficiency=0.1)
+    np.testing.assert_allclose(linear.speed, railjax.linear_critical_speed(coach), rtol=1e-8)
+
+    def speed(stiffness, radius):
+        vehicle = railjax.replace(coach, primary__stiffness_x=stiffness * 1e6)
+        return railjax.curve_critical(vehicle, radius=radius * 1e3, cant_deficiency=0.1).speed
+
+    slopes = jax.grad(speed, argnums=(0, 1))(3.2, 2.0)
+    for k, at in enumerate(np.eye(2) * 1e-4):
+        above, below = (speed(3.2 + sign * at[0], 2.0 + sign * at[1]) for sign in (1, -1))
+        assert float(slopes[k]) == pytest.approx(float(above - below) / 2e-4, rel=2e-5)
+    # a run from the equilibrium, pushed a little, dies out below it and grows above
+    found = railjax.curve_critical(coach, radius=3000.0, cant_deficiency=0.1)
+    left = []
+    for share in (0.97, 1.03):
+        v = share * float(found.speed)
+        cant = BASE * v**2 / (G * 3000.0) - 0.1
+        steady = railjax.curving(coach, v, radius=3000.0, cant=cant)
+        layout = railjax.Layout([railjax.Segment.arc(1000.0, 3000.0, cant)])
+        start = np.asarray(steady.state).copy()
+        start[9] += 1e-5
+        run = railjax.simulate(coach, v, track=layout, initial=start, duration=4.0, record=("wheelset_y",))
+        away = np.max(np.abs(np.asarray(run["wheelset_y"]) - np.asarray(steady.wheelset_y)), axis=1)
+        left.append(np.max(away[-100:]) / np.max(away[50:150]))
+    assert left[0] < 0.5
+    assert left[1] > 2.0

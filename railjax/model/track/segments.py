@@ -96,7 +96,8 @@ def of_segments(segments: Sequence[Segment], ramp: str, start: float, base: floa
         base: of the cant, m.
     """
     notes, steps = [], []
-    begin, now = start, np.zeros(2)
+    first = np.zeros(2) if segments[0].kind == "transition" else _values(segments[0], base)
+    begin, now = start, first
     for k, (segment, after) in enumerate(itertools.pairwise([*segments, Segment.straight(1.0)])):
         if segment.kind == "transition":
             if after.kind == "transition":
@@ -127,6 +128,7 @@ def of_segments(segments: Sequence[Segment], ramp: str, start: float, base: floa
     at = np.array(sorted(knots))
     at = at[np.concatenate([[True], np.diff(at) > 1e-9])]
     coefficients = np.zeros((2, len(at), 4))
+    coefficients[:, :, 0] = first[:, None]
     middle = np.append(0.5 * (at[1:] + at[:-1]), at[-1] + 1.0)
     for step in steps:
         coefficients += step.change[:, None, None] * _at_knots(_share(step, ramp, middle), at - middle)

@@ -30,7 +30,7 @@ from .wheels import in_a_row, wheel_forces
 #: lanes that go from step to step together
 TOGETHER = 64
 
-_CANT = Range("m", -0.4, 0.4, axes=1, why="; is it in millimetres?")
+A_CANT = Range("m", -0.4, 0.4, axes=1, why="; is it in millimetres?")
 
 
 def a_radius(key: str, value: Any) -> None:
@@ -40,7 +40,7 @@ def a_radius(key: str, value: Any) -> None:
         raise InputError(f"{key} must be a radius in m, of 1 m at least; infinite is straight track")
 
 
-@guarded(radius=a_radius, cant=_CANT)
+@guarded(radius=a_radius, cant=A_CANT)
 def curving(vehicle: Vehicle, speed: Scalar, *, radius: Scalar, cant: Scalar = 0.0, damper: Damper = PASSIVE) -> SteadyCurving:
     """Steady motion in an arc: the equilibrium f(x; kappa, theta) = 0 of the equations of motion in the frames of the line.
 
@@ -170,6 +170,20 @@ def _on_host(lanes: int | None, trees: tuple) -> tuple[dict[str, Array], Array]:
         for all_of, more in zip(*map(jax.tree.leaves, (found, _of_lanes(batch, again, 1, SHARES))), strict=True):
             all_of[..., again] = more
     return jax.device_put(found if lanes is not None else jax.tree.map(lambda leaf: leaf[..., 0], found))
+
+
+def equilibria(vehicle: Vehicle, damper: Damper, speed: Any, radius: Any, cant: Any) -> dict[str, Any]:
+    """What is said of known lanes, of which the speed has an axis, as NumPy's arrays.
+
+    Args:
+        vehicle: what runs.
+        damper: what takes the place of rho_cy.
+        speed: v, m/s, one per lane.
+        radius: R, m, to the right.
+        cant: of the outer rail, m.
+    """
+    trees = as_numbers((vehicle, damper, speed, radius, cant))
+    return jax.tree.map(np.asarray, _on_host(len(speed), trees)[0])
 
 
 def _of_lanes(batch: Batch, index: Int[np.ndarray, "lanes"], first: int, last: int) -> tuple[dict[str, Any], Any]:
