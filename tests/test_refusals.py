@@ -119,6 +119,9 @@ OWN_WAY = {
     "sweep.samples": lambda coach: railjax.sweep(
         railjax.LeastDamping(), {"speed": (30.0, 40.0)}, vehicle=coach, design="sobol", samples=0
     ),
+    "Layout.from_samples": lambda coach: railjax.Layout.from_samples([0.0, 1.0], [0.0, NAN]),
+    "Layout.load": lambda coach: railjax.Layout.load("nowhere.csv"),
+    "Layout.curve_at": None,  # by the integrator
     "TableSpectrum.checked.wavenumber": lambda coach: railjax.TableSpectrum.checked([2.0, 1.0], [1.0, 1.0]),
     "WheelProfile.load.columns": lambda coach: railjax.WheelProfile.load("nowhere.csv", columns={"lateral": "a"}),
     "WheelProfile.load.unit": None,

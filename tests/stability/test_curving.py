@@ -11,6 +11,7 @@ from scipy.optimize import root
 
 import railjax
 from railjax.base.elimination import eliminated, inverse
+from railjax.model.contact.profile_table import with_profiles
 from railjax.model.kinematics import heights
 
 G, BASE = 9.81, 1.5
@@ -214,3 +215,50 @@ def test_verb(run, tmp_path):
     code, _, error = run("curving", "coach", "--radius-m", 150, "--speed-kmh", 250)
     assert code == 1
     assert "no equilibrium" in error
+
+
+def test_profiles_guide_by_their_contact_angles(coach):
+    """S1002 on 60E1: the leading outer wheel is at its flange in R 300 m, in R 1500 m all run freely; ΣY carries all masses."""
+    vehicle = with_profiles(coach)
+    speed, radius = np.array([80.0, 80.0, 144.0]) / 3.6, np.array([300.0, 600.0, 1500.0])
+    found = railjax.curving(vehicle, speed, radius=radius, cant=0.1)
+    assert found.code.tolist() == [0, 0, 0]
+    mass = coach.carbody.mass + 2 * coach.bogie.mass + 4 * coach.wheelset.mass
+    np.testing.assert_allclose(np.sum(found.sum_y, axis=0), mass * (speed**2 / radius - G * 0.1 / BASE), rtol=1e-9)
+    quotient = found.y_over_q[0, 0]
+    assert 0.3 < quotient[0] < 0.5
+    assert quotient[1] < 0.2
+    assert quotient[2] < 0.05
+    assert found.wheelset_y[0, 0] < -6.2e-3 < found.wheelset_y[0, 1]
+    wear = np.asarray(found.wear_number)
+    assert wear[0] > 3 * wear[1] > 6 * wear[2]
+
+
+def test_critical_speed_in_a_curve(coach):
+    """With linear creep the curve changes nothing; else it is where the growth of the motion about the equilibrium is zero, with gradients."""
+    linear = railjax.curve_critical(railjax.replace(coach, contact__law="linear"), radius=3000.0, cant_deficiency=0.1)
+    np.testing.assert_allclose(linear.speed, railjax.linear_critical_speed(coach), rtol=1e-8)
+
+    def speed(stiffness, radius):
+        vehicle = railjax.replace(coach, primary__stiffness_x=stiffness * 1e6)
+        return railjax.curve_critical(vehicle, radius=radius * 1e3, cant_deficiency=0.1).speed
+
+    slopes = jax.grad(speed, argnums=(0, 1))(3.2, 2.0)
+    for k, at in enumerate(np.eye(2) * 1e-4):
+        above, below = (speed(3.2 + sign * at[0], 2.0 + sign * at[1]) for sign in (1, -1))
+        assert float(slopes[k]) == pytest.approx(float(above - below) / 2e-4, rel=2e-5)
+    # a run from the equilibrium, pushed a little, dies out below it and grows above
+    found = railjax.curve_critical(coach, radius=3000.0, cant_deficiency=0.1)
+    left = []
+    for share in (0.97, 1.03):
+        v = share * float(found.speed)
+        cant = BASE * v**2 / (G * 3000.0) - 0.1
+        steady = railjax.curving(coach, v, radius=3000.0, cant=cant)
+        layout = railjax.Layout([railjax.Segment.arc(1000.0, 3000.0, cant)])
+        start = np.asarray(steady.state).copy()
+        start[9] += 1e-5
+        run = railjax.simulate(coach, v, track=layout, initial=start, duration=4.0, record=("wheelset_y",))
+        away = np.max(np.abs(np.asarray(run["wheelset_y"]) - np.asarray(steady.wheelset_y)), axis=1)
+        left.append(np.max(away[-100:]) / np.max(away[50:150]))
+    assert left[0] < 0.5
+    assert left[1] > 2.0
