@@ -83,12 +83,12 @@ def classical(coach: Any, device: Device) -> dict[str, Any]:
     for name, law in ideal.items():
         found[f"{name}, ideal"] = law
         estimator = {"estimator": filtered} if name == "clipped LQR" else {}
-        found[f"{name}, sensed"] = railjax.Controller(wraps=law, device=device, **estimator)
+        found[f"{name}, sensed"] = railjax.Controller(law, device=device, **estimator)
     for factor in (0.5, 2.0, 4.0):
         found[f"skyhook {factor:g} times, sensed"] = railjax.Controller(
             wraps=railjax.Skyhook(damping=2 * HARD * factor), device=device
         )
-    found["skyhook, Kalman"] = railjax.Controller(wraps=sky, estimator=filtered, device=device)
+    found["skyhook, Kalman"] = railjax.Controller(sky, estimator=filtered, device=device)
     return found
 
 
@@ -130,7 +130,7 @@ class Planned(Law):
         first = jnp.floor(along).astype(jnp.int32)
         low, high = (jnp.take_along_axis(self.logits, (first + k)[None], axis=0)[0] for k in (0, 1))
         opening = jax.nn.sigmoid(low + (along - first) * (high - low))
-        return self.device.force(opening, velocity), jnp.ones_like(internal)
+        return self.device.delivered(opening, velocity), jnp.ones_like(internal)
 
 
 def bound(coach: Any, device: Device, track: Any, speed: np.ndarray, start: Any) -> dict[str, np.ndarray]:
@@ -277,7 +277,7 @@ def main() -> None:
 def drawn(content: dict[str, Any], count: int, path: Path) -> None:
     """Weighted acceleration over speed, band over realisations, for the laws that matter, and the bound."""
     shown = ("passive", "passive, soft", "skyhook, ideal", "skyhook, sensed", "clipped LQR, sensed", "learned")
-    with figure(columns=2, height=3.6, share_y=False) as (page, axes):
+    with figure(columns=2, height=3.6) as (page, axes):
         for axis, line in zip(axes[0], ("erri-low", "erri-high"), strict=True):
             for name in shown:
                 if name in content["laws"]:

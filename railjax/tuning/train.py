@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 from jaxtyping import Array, Float, Int
 
 from ..base.arguments import guarded
 from ..base.batches import Batch, in_threads
-from ..base.checks import a_function, positive, whole
+from ..base.checks import a_function, a_path, positive, whole
 from ..base.compilation import jit
 from ..base.errors import InputError, NumericalError
 from ..base.packing import as_numbers
@@ -85,8 +84,9 @@ class Course(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Training:
-    """Result of `train`. Ratios are of the trained law to the one that it was, over all validation rides: `comfort` of the weighted r.m.s. acceleration,
-    `limited` of the r.m.s. of what has a limit."""
+    """Result of `train`. Ratios, dimensionless, are of the trained law to the one that it was, over all validation rides: `comfort` of the weighted r.m.s.
+    acceleration, `limited` of the r.m.s. of what has one of the `limits`, ratios too. `history` has a row a trial: the number of the episode, score,
+    comfort and what is limited, as ratios; `episodes` is the number done."""
 
     law: LearnedDamper
     comfort: float
@@ -114,8 +114,8 @@ def _tracks(key: str, value: Any) -> None:
 
 
 @guarded(
-    law=None, tracks=_tracks, validation=_tracks, scatter=None, limits=None, episodes=whole(0), windows=whole(2), window=positive("s"),
-    lanes=whole(2), learning_rate=positive(), patience=whole(1), every=whole(1), keep=None, progress=a_function,
+    law=None, tracks=_tracks, validation=_tracks, limits=None, episodes=whole(0), windows=whole(2), window=positive("s"),
+    lanes=whole(2), learning_rate=positive(), patience=whole(1), every=whole(1), keep=a_path, progress=a_function,
 )  # fmt: skip
 def train(
     vehicle: Vehicle,
@@ -155,14 +155,14 @@ def train(
         validation: likewise tracks for early stopping, which are never trained on; by default realisations of the same names with other seeds.
         scatter: of the vehicle's parameters; None: the vehicle as it is.
         limits: largest ratio, dimensionless, of the r.m.s. of channels to those of the law as it was; by default {"secondary_travel": 1.0}.
-        episodes: most of them; 0 only evaluates.
-        windows: of an episode.
+        episodes: largest number of them; 0 only evaluates.
+        windows: number of them in an episode.
         window: its length, s.
-        lanes: rides at once, an even number.
+        lanes: number of rides at once; even.
         dt: step of RK4, s.
         learning_rate: of Adam at the start, dimensionless; it falls to a tenth along half a cosine.
-        every: episodes between two trials on the validation rides.
-        patience: trials without a better one after which training ends.
+        every: number of episodes between two trials on the validation rides.
+        patience: number of trials without a better one after which training ends.
         seed: of everything that is drawn, a whole number.
         keep: a file (.npz) that is written after each trial, and from which a training that was stopped goes on.
         progress: called with a `Progress` after each episode.
@@ -171,6 +171,8 @@ def train(
         InputError: for a vehicle that hunts, tracks of unequal length, limits of channels that there are not, a file of another training.
         NumericalError: where a ride diverges.
     """
+    import optax
+
     require_double_precision("train")
     began = time.monotonic()
     fault = law.fault() if isinstance(law, LearnedDamper) else "it must be a railjax.LearnedDamper"
@@ -379,7 +381,7 @@ class Teacher:
                 continue
             slope = jax.tree.map(lambda *part: sum(part) / SHARES, *[gradient for _, gradient in found])
             change, memory = optimiser.update(slope, memory, weights)
-            weights = optax.apply_updates(weights, change)
+            weights = {name: weight + change[name] for name, weight in weights.items()}
             over = {name: sum(aux[2][name] for (_, aux), _ in found) / SHARES for name in prices}
             prices = {name: jnp.maximum(price + PRICING * over[name], 0.0) for name, price in prices.items()}
         return course._replace(weights=weights, memory=memory, prices=prices, episode=course.episode + 1)

@@ -23,7 +23,7 @@ SMALL = {
 def law(coach):
     # what is quantised has no differences: derivatives pass it by
     sensors = dataclasses.replace(railjax.Sensors.typical(), quantum=np.zeros(3))
-    controller = railjax.Controller(wraps=railjax.Skyhook(damping=1e5), device=railjax.Device(), sensors=sensors)
+    controller = railjax.Controller(railjax.Skyhook(damping=1e5), device=railjax.Device(), sensors=sensors)
     return railjax.LearnedDamper.of(controller, coach, hidden=2, time_constants=(0.1,))
 
 

@@ -66,7 +66,7 @@ def train(
     from ...base.units import KMH
 
     if law in LAWS:
-        classical = Controller(wraps=Skyhook(damping=1e3 * skyhook_kNs_per_m), device=Device())
+        classical = Controller(Skyhook(damping=1e3 * skyhook_kNs_per_m), device=Device())
         begun = LearnedDamper.of(classical, loaded, hidden=24 if law == "learned" else 0, seed=seed)
     elif law.endswith(".npz"):
         begun = load_law(law)
