@@ -35,6 +35,7 @@ class Device:
     lag: Number = optional("s", "τ_a", "time constant of driver and coil; left out: none", positive=True, default=5e-3)
     slew: Number = optional("1/s", "", "fastest change of the command, in shares of its range; left out: any", positive=True)
     width: Number = parameter("m/s", "w", "rounding of the velocity by which a demand is divided", 0.0)
+    damping_rest: Number = parameter("N s/m", "c_0", "damping that is commanded where the velocity is well within that", 0.0)
 
     def fault(self) -> str | None:
         """What is wrong with its numbers together."""
@@ -55,7 +56,8 @@ class Device:
         """What is commanded for a force `demand` (N per pair) at a velocity that is known (m/s), both (n, *lanes)."""
         if self.kind == "force":
             return demand if self.force_limit is None else jnp.clip(demand, -2.0 * self.force_limit, 2.0 * self.force_limit)
-        damping = 0.5 * demand * velocity / (velocity**2 + self.width**2 + smooth.TINY)
+        rounding = self.width**2
+        damping = (0.5 * demand * velocity + self.damping_rest * rounding) / (velocity**2 + rounding + smooth.TINY)
         return jnp.clip((damping - self.damping_min) / (self.damping_max - self.damping_min), 0.0, 1.0)
 
     def slewed(self, wanted: Bogies, before: Bogies, elapsed: Bogies) -> Bogies:

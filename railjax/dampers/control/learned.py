@@ -101,7 +101,9 @@ class LearnedDamper(SampledLoop):
         vehicle, n = without_labels(vehicle), len(vehicle.geometry.bogie_pattern)
         names = controller.estimator.names
         scale = np.repeat([USUALLY.get(name, 1.0) for name in names], n)
-        device = dataclasses.replace(controller.on, width=max(float(controller.on.width), WIDTH))
+        # at rest the vehicle's own damping, or its hunting from small motions would be that of an open valve
+        rest = float(vehicle.secondary.damping_y)
+        device = dataclasses.replace(controller.on, width=max(float(controller.on.width), WIDTH), damping_rest=rest)
         demand = np.full(n, 1e4)
 
         def wanted(features: Float[Array, "features"]) -> Float[Array, "n"]:
