@@ -63,7 +63,7 @@ def test_converters_quantise_and_let_derivatives_pass():
 @pytest.mark.parametrize("law", [SKYHOOK, railjax.BalanceLogic(0.7, damping_min=4e3, force_limit=3e3)], ids=["valve", "force"])
 def test_a_controller_is_a_damper_that_never_pushes(coach, law):
     """The package's own tester: pytree, lanes, derivatives, symmetry, dissipation at every instant."""
-    check_damper(railjax.Controller(wraps=law, sensors=Sensors.ideal()), coach, energy="instant")
+    check_damper(railjax.Controller(law, sensors=Sensors.ideal()), coach, energy="instant")
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_sensed_skyhook_converges_to_the_ideal_law(coach, sensed):
 
 def test_accelerometer_is_the_acceleration_behind_a_low_pass(coach):
     """Against SciPy's filter of the acceleration and roll of the run."""
-    controller = railjax.Controller(wraps=SKYHOOK)
+    controller = railjax.Controller(SKYHOOK)
     run = railjax.simulate(
         coach, SPEED, track=TRACK, damper=controller, duration=1.5, sample=1e-3, record=("carbody_acceleration",)
     )
@@ -115,7 +115,7 @@ def test_accelerometer_is_the_acceleration_behind_a_low_pass(coach):
 
 
 def test_delays_are_whole_samples_and_a_sample_is_taken_once(coach):
-    controller = railjax.Controller(wraps=SKYHOOK, sensors=dataclasses.replace(Sensors.typical(), delays=(0, 1, 3)), faults=None)
+    controller = railjax.Controller(SKYHOOK, sensors=dataclasses.replace(Sensors.typical(), delays=(0, 1, 3)), faults=None)
     rng, n = np.random.default_rng(0), 17
     own, seen_readings = jnp.zeros((controller.internal_states, 2)), []
     held = jax.jit(controller.held)
@@ -145,7 +145,7 @@ def test_kalman_filter_knows_the_car_body_in_a_nonlinear_run(coach, kalman):
     """All states of it from six sensors with noise, bias and delay, on a track whose course the filter does not know."""
     sensors, estimator = kalman
     lqr = railjax.ClippedLQR.design(coach, SPEED)
-    controller = railjax.Controller(wraps=lqr, sensors=sensors, estimator=estimator)
+    controller = railjax.Controller(lqr, sensors=sensors, estimator=estimator)
     run = railjax.simulate(coach, SPEED, track=TRACK, damper=controller, duration=6.0, record=("carbody_y_rate",))
     memory = internal(run, controller)["memory"][:, : estimator.states - 1]
     known = memory.reshape(len(memory), -1)[200:, :34]
@@ -159,7 +159,7 @@ def test_kalman_filter_knows_the_car_body_in_a_nonlinear_run(coach, kalman):
 
 def test_every_fault_ends_in_a_stable_ride(coach):
     """All single faults as lanes, at 1 s of 6; the damper takes energy out throughout, and the ride stays a ride."""
-    controller = railjax.Controller(wraps=SKYHOOK, device=Device())
+    controller = railjax.Controller(SKYHOOK, device=Device())
     faults = every_fault(controller.sensors.names, 2, 1.0)
     assert len(faults) == 1 + 1 + 2 * (1 + 1 + 3)
     run = railjax.simulate(
@@ -184,12 +184,12 @@ def test_every_fault_ends_in_a_stable_ride(coach):
 def test_what_does_not_belong_together_is_refused(coach):
     for controller, about in (
         (railjax.Controller(), "wraps"),
-        (railjax.Controller(wraps=railjax.BoucWenDamper()), "BoucWenDamper"),
-        (railjax.Controller(wraps=railjax.Skyhook(), sensors=Sensors.typical("travel")), "carbody_acceleration"),
-        (railjax.Controller(wraps=railjax.ClippedLQR(feedback=np.zeros((2, 34)))), "KalmanFilter"),
-        (railjax.Controller(wraps=SKYHOOK, device=Device(damping_min=6e4)), "damping_max"),
-        (railjax.Controller(wraps=SKYHOOK, sample_time=-1.0), "sample_time"),
-        (railjax.Controller(wraps=SKYHOOK, sensors=dataclasses.replace(Sensors.ideal(), bandwidth=np.zeros(3))), "bandwidth"),
+        (railjax.Controller(railjax.BoucWenDamper()), "BoucWenDamper"),
+        (railjax.Controller(railjax.Skyhook(), sensors=Sensors.typical("travel")), "carbody_acceleration"),
+        (railjax.Controller(railjax.ClippedLQR(feedback=np.zeros((2, 34)))), "KalmanFilter"),
+        (railjax.Controller(SKYHOOK, device=Device(damping_min=6e4)), "damping_max"),
+        (railjax.Controller(SKYHOOK, sample_time=-1.0), "sample_time"),
+        (railjax.Controller(SKYHOOK, sensors=dataclasses.replace(Sensors.ideal(), bandwidth=np.zeros(3))), "bandwidth"),
     ):
         with pytest.raises(railjax.InputError, match=about):
             railjax.simulate(coach, SPEED, damper=controller, duration=0.1)

@@ -23,7 +23,7 @@ SAMPLES = 4000
 
 @pytest.fixture(scope="module")
 def controller():
-    return railjax.Controller(wraps=SKYHOOK, device=Device(slew=50.0))
+    return railjax.Controller(SKYHOOK, device=Device(slew=50.0))
 
 
 @pytest.fixture(scope="module")
@@ -77,13 +77,13 @@ def test_it_begins_as_the_law_it_is_made_of(coach, controller, begun, readings):
     # of clipped LQR all states are fed back as they are estimated
     sensors = Sensors.typical()
     lqr = railjax.ClippedLQR.design(coach, 55.0)
-    full = railjax.Controller(wraps=lqr, sensors=sensors, estimator=KalmanFilter.design(coach, 55.0, sensors))
+    full = railjax.Controller(lqr, sensors=sensors, estimator=KalmanFilter.design(coach, 55.0, sensors))
     gain = railjax.LearnedDamper.of(full, coach, hidden=0, time_constants=())
     rows = (gain.linear_gain * gain.demand[:, None] / gain.scale)[:, :34]
     np.testing.assert_allclose(rows, lqr.feedback, rtol=1e-9)
     for law, about in ((railjax.Skyhook(), "linear"), (railjax.ADD(), "linear")):
         with pytest.raises(railjax.InputError, match=about):
-            railjax.LearnedDamper.of(railjax.Controller(wraps=law), coach)
+            railjax.LearnedDamper.of(railjax.Controller(law), coach)
 
 
 def test_it_is_a_damper_that_never_pushes(coach, other):
