@@ -39,7 +39,7 @@ from ..model.track.sampled import SampledTrack
 from ..model.track.shapes import check_track
 from ..model.track.spectra import LONGEST, SHORTEST, Spectrum, spectrum
 from ..model.vehicle import Vehicle
-from ..simulation.channels import CHANNELS, check_linear_channel
+from ..simulation.channels import CHANNELS, check_channel, check_linear_channel
 from .weightings import weighting
 
 if TYPE_CHECKING:

@@ -122,7 +122,8 @@ def test_float32_runs_close_to_float64(coach):
 
 
 def test_channels_are_consistent(coach):
-    names = list(railjax.CHANNELS)
+    # those of single wheels are of vehicles on profiles
+    names = [name for name, channel in railjax.CHANNELS.items() if channel.part != "wheel"]
     start = {"wheelset_y": 9.5e-3, "bogie_phi": 1e-3}
     result = run(coach, 60.0, record=names, initial=start, duration=0.1, sample=1e-3)
     shapes = {"carbody": (), "floor": (3,), "bogie": (2,), "wheelset": (4,)}

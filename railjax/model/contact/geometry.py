@@ -195,10 +195,16 @@ NUMBERS = {
 }
 
 
-@guarded(
-    wheel=_one_or_two(WheelProfile),
-    rail=_one_or_two(RailProfile),
+#: what a wheel, a rail and how they lie may be
+PLACED: dict[str, Any] = {
+    "wheel": _one_or_two(WheelProfile),
+    "rail": _one_or_two(RailProfile),
     **NUMBERS,
+}
+
+
+@guarded(
+    **PLACED,
     y=Rising(Range("m", -0.06, 0.06, why="; is it in millimetres?"), 3),
     load=positive("N"),
     approach=Range("m", 1e-6, 1e-3, why="; is it in millimetres?"),

@@ -21,7 +21,7 @@ from ...base.precision import require_double_precision
 from ...base.typing import Scalar, Values
 from ..consistency import VEHICLE
 from ..vehicle import Profiles, Vehicle
-from .geometry import FLATTEST, SPREAD, Pair, contact_geometry
+from .geometry import FLATTEST, PLACED, SPREAD, Pair, contact_geometry
 from .kalker import creep_coefficients
 from .points import Lean, Pose, Side, leaning, risen
 from .profile_contact import FUNCTIONS, OF_WHEEL, SHARED
@@ -52,17 +52,7 @@ REVERSED = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, -1.0, -2.0, -3.0], [0.0, 0.0, 1
 SWAPPED = np.array([*range(len(SHARED)), *(len(SHARED) + 2 * k + 1 - w for k in range(len(OF_WHEEL)) for w in range(2))])
 
 
-@guarded(
-    vehicle=VEHICLE,
-    wheel=None,
-    rail=None,
-    gauge=None,
-    flange_back=None,
-    tread_datum=None,
-    radius=None,
-    inclination=None,
-    simplified=FLAG,
-)
+@guarded(vehicle=VEHICLE, **PLACED, simplified=FLAG)
 def with_profiles(
     vehicle: Vehicle,
     wheel: Pair = "S1002",

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...base.arguments import guarded
-from ...base.checks import Kind
+from ...base.checks import Kind, positive
 from ...base.errors import InputError
 from ...base.typing import Number
 from ...base.units import KMH
@@ -66,7 +66,7 @@ def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1
     return acceptance_of_record(record_of_run(vehicle, run), **given, **options)
 
 
-@guarded(record=Kind(RunningRecord, "a railjax.RunningRecord"))
+@guarded(record=Kind(RunningRecord, "a railjax.RunningRecord"), derailment_limit=positive(axes=1))
 def acceptance_of_record(
     record: RunningRecord,
     *,
