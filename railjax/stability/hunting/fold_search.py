@@ -40,6 +40,8 @@ FROM_REST = 0.97
 BETWEEN, NARROWINGS = 6, 3
 #: share of the flange clearance at which the branch is entered at the Hopf point
 AT_HOPF = 0.1
+#: the same where it must not meet the limit cycles of other bogies
+SMALLER = 0.03
 #: longest step down the branch (1 mm or 10 m/s), and how many are tried
 LARGEST_STEP, MOST_STEPS = 0.1, 400
 #: folds one below the other
@@ -132,6 +134,12 @@ class FoldSearch:
         at which nothing does; whether that is worth while. At last the branch that leaves the Hopf point is followed."""
         speeds = np.array([end.guess[-1] for end in ends]) * SPEED
         goes_on = np.array([not end.displacement < self.rest for end in ends])
+        if self.model.vehicle.profiles is not None and not self.stable and np.all(speeds[goes_on] > self.hopf):
+            # only above the Hopf point, out of which a small limit cycle may grow that bogies which barely feel each other are slow to settle on
+            point = self._out_of_hopf(SMALLER)
+            self.vanished = point.usable and bool(point.unknowns[-1] * SPEED > self.hopf)
+            if self.vanished:
+                return False
         if goes_on.any() and self.narrowings < NARROWINGS:
             low = np.min(speeds[goes_on])
             quiet = speeds[speeds < low]
@@ -142,23 +150,19 @@ class FoldSearch:
             )
             return True
         if not self.stable:
-            point = solved(
-                self.model,
-                self.shooting,
-                near_hopf(
-                    self.model,
-                    self.shooting,
-                    *hunting_mode(self.model, self.shooting, self.hopf),
-                    self.hopf,
-                    AT_HOPF * 10.0 * self.rest,
-                ),
-            )
+            point = self._out_of_hopf(AT_HOPF)
             if point.usable and point.unknowns[-1] * SPEED > self.hopf:
                 self.vanished = True
             elif point.usable:
                 fold = self._first_fold(point)
                 return fold is not None and self._keep(fold)
         return False
+
+    def _out_of_hopf(self, share: float) -> Point:
+        """The limit cycle that grows out of the Hopf point, with an amplitude of this share of the clearance."""
+        state, omega = hunting_mode(self.model, self.shooting, self.hopf)
+        amplitude = share * 10.0 * self.rest
+        return solved(self.model, self.shooting, near_hopf(self.model, self.shooting, state, omega, self.hopf, amplitude))
 
     def _first_fold(self, start: Point) -> Point | None:
         """Of the branch that leaves the Hopf point towards lower speeds."""
