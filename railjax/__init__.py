@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from .simulation.simulate import Result, Simulation, simulate
     from .simulation.speed import SpeedProfile
     from .stability.curving.critical import CurveCritical, curve_critical
+    from .stability.curving.nonlinear import CurveNonlinear, curve_nonlinear_critical
     from .stability.curving.result import Equilibrium, SteadyCurving
     from .stability.curving.steady import curving
     from .stability.hunting.branch import hunting_branch
@@ -114,6 +115,7 @@ __all__ = [
     "CriticalSpeed",
     "CrossBracing",
     "CurveCritical",
+    "CurveNonlinear",
     "Damper",
     "Device",
     "Equilibrium",
@@ -188,6 +190,7 @@ __all__ = [
     "contact_geometry",
     "creep_coefficients",
     "curve_critical",
+    "curve_nonlinear_critical",
     "curving",
     "each_point",
     "equivalent_conicity",
@@ -315,6 +318,7 @@ _NAMES = {
     "ride.weightings": "weighting weighting_filter",
     "model.contact.conicity": "equivalent_conicity nonlinearity_parameter",
     "stability.curving.critical": "CurveCritical curve_critical",
+    "stability.curving.nonlinear": "CurveNonlinear curve_nonlinear_critical",
     "stability.curving.result": "Equilibrium SteadyCurving",
     "stability.curving.steady": "curving",
     "model.contact.geometry": "ContactGeometry contact_geometry",

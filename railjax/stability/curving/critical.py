@@ -86,9 +86,14 @@ def curve_critical(
     return CurveCritical(*_searched(trees, cant_deficiency is not None, float(lowest), float(highest)))
 
 
+def balanced_cant(speed: Any, radius: Any, deficiency: Any) -> Any:
+    """The cant that leaves the deficiency (m) at a speed (m/s), m."""
+    return CANT_BASE / GRAVITY * speed**2 / abs(radius) - deficiency
+
+
 def _cant(balanced: bool, speed: Any, radius: Any, tilt: Any) -> Any:
     """The cant at a speed, m."""
-    return CANT_BASE / GRAVITY * speed**2 / abs(radius) - tilt if balanced else tilt
+    return balanced_cant(speed, radius, tilt) if balanced else tilt
 
 
 def _at(balanced: bool, trees: tuple, speed: Any) -> Case:
