@@ -257,11 +257,13 @@ def _others(tracks: Any) -> Any:
     names = [tracks] if isinstance(tracks, str) else tracks
     if not all(isinstance(name, str) for name in names):
         raise InputError("validation: give tracks that are not trained on")
-    return [RandomTrack(name, seed=range(1000, 1004), length=LENGTH, fade=0.0) for name in names]
+    return [RandomTrack(name, seed=UNSEEN, length=LENGTH, fade=0.0) for name in names]
 
 
 #: m and number of realisations, of tracks that are given by a spectrum's name
 LENGTH, REALISATIONS = 2000.0, 24
+#: seeds of those of the validation rides
+UNSEEN = range(1000, 1004)
 
 
 def together(tracks: Any) -> SampledTrack:
@@ -342,7 +344,7 @@ class Teacher:
         )
         self.sections = weighting_filter("Wd", RATE)
         self._compiled = False
-        self.gradient = jit(jax.value_and_grad(self._loss, has_aux=True))
+        self.gradient = jit(jax.value_and_grad(self.loss, has_aux=True))
 
     def rides(self, episode: int) -> Rides:
         """What the lanes of an episode ride."""
@@ -360,7 +362,7 @@ class Teacher:
             vehicle = scattered(vehicle, paths, factors, samples[:, rng.integers(0, samples.shape[1], count)])
         return Rides(vehicle, speed, track, noise)
 
-    def _loss(
+    def loss(
         self, weights: Weights, rides: Rides, x: Any, echo: Any, base: dict[str, Any], prices: dict[str, Any]
     ) -> tuple[Any, Any]:
         law = dataclasses.replace(with_weights(self.law, weights), seed=rides.seed)
