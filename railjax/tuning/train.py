@@ -156,7 +156,7 @@ def train(
         validation: likewise tracks for early stopping, which are never trained on; by default realisations of the same names with other seeds.
         scatter: of the vehicle's parameters; None: the vehicle as it is.
         limits: largest ratio, dimensionless, of the r.m.s. of channels to those of the law as it was; by default {"secondary_travel": 1.0}.
-        episodes: largest number of them; 0 only evaluates.
+        episodes: largest number of them; 0 hands the law on as it is.
         windows: number of them in an episode.
         window: its length, s.
         lanes: number of rides at once; even.
@@ -186,6 +186,9 @@ def train(
         check_channel(name)
     vehicle, law, track, range_ = prepared(vehicle, law, tracks, tuple(speeds))
     teacher = Teacher(vehicle, law, track, range_, scatter, limits, windows, window, lanes, dt, seed)
+    if not episodes:
+        ratios = dict.fromkeys(limits, 1.0)
+        return Training(law, 1.0, ratios, limits, np.array([[0.0, 1.0, 1.0, *ratios.values()]]), 0, 0.0, "nothing done")
     trial = _Trial(vehicle, law, _others(tracks) if validation is None else validation, tuple(speeds), limits, dt)
     schedule = optax.cosine_decay_schedule(learning_rate, max(1, episodes * (windows - 1)), alpha=0.1)
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
