@@ -182,7 +182,7 @@ def onsets(coach: Any, law: Any) -> dict[str, float]:
     from railjax.reports.paper.studies.controlled_hunting import LARGE, SMALL, amplitudes, lowest
     from railjax.simulation.simulate import initial_state
 
-    speeds = np.arange(200.0, 300.1, 5.0)
+    speeds = np.arange(222.0, 254.0, 1.0)
     small = np.asarray(initial_state(coach, PASSIVE, {"wheelset_y": SMALL}))
     large = railjax.hunting_branch(coach).at(LARGE / 3.6).state
     return {name: lowest(speeds, amplitudes(coach, law, start, speeds)) for name, start in (("small", small), ("large", large))}
@@ -219,6 +219,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results"))
     parser.add_argument("--seeds", type=int, default=5, help="realisations of each line")
     parser.add_argument("--only", nargs="*", default=["laws", "bound", "faults", "hunting"])
+    parser.add_argument("--names", nargs="*", help="ride with these laws only; what the file has of others stays")
     options = parser.parse_args()
     railjax.use_double_precision()
     railjax.use_all_cores()
@@ -232,8 +233,10 @@ def main() -> None:
     path = options.out / "semiactive_limits.json"
     content = json.loads(path.read_text()) if path.exists() else {}
     if "laws" in options.only:
-        content["laws"] = {}
+        content.setdefault("laws", {})
         for name, law in laws.items():
+            if options.names and name not in options.names:
+                continue
             began = time.perf_counter()
             found = ridden(coach, law, lines)
             content["laws"][name] = {line: {key: value.tolist() for key, value in of.items()} for line, of in found.items()}

@@ -28,6 +28,7 @@ from ..model.track.random import RandomTrack
 from ..model.track.sampled import MARGIN, SampledTrack
 from ..model.vehicle import Vehicle
 from ..ride.vibration import weighted_acceleration
+from ..ride.weightings import weighting_filter
 from ..simulation.channels import check_channel
 from ..simulation.integrate import Plan, integrated
 from ..simulation.simulate import simulate
@@ -35,9 +36,9 @@ from .forced import hunting
 from .robust import Scatter, scattered
 
 #: Hz; at which accelerations are looked at
-RATE = 100.0
-#: s before a window that its weighting still feels, and at the start of a ride that nothing is learned from
-PAST, SETTLING = 4.0, 2.0
+RATE = 200.0
+#: s at the start of a validation ride that do not count
+SETTLING = 4.0
 #: parts of a batch, each in a thread of its own: the same numbers on any machine
 SHARES = 2
 #: trained as their logarithm
@@ -155,7 +156,7 @@ def train(
         validation: likewise tracks for early stopping, which are never trained on; by default realisations of the same names with other seeds.
         scatter: of the vehicle's parameters; None: the vehicle as it is.
         limits: largest ratio, dimensionless, of the r.m.s. of channels to those of the law as it was; by default {"secondary_travel": 1.0}.
-        episodes: largest number of them; 0 only evaluates.
+        episodes: largest number of them; 0 hands the law on as it is.
         windows: number of them in an episode.
         window: its length, s.
         lanes: number of rides at once; even.
@@ -185,6 +186,9 @@ def train(
         check_channel(name)
     vehicle, law, track, range_ = prepared(vehicle, law, tracks, tuple(speeds))
     teacher = Teacher(vehicle, law, track, range_, scatter, limits, windows, window, lanes, dt, seed)
+    if not episodes:
+        ratios = dict.fromkeys(limits, 1.0)
+        return Training(law, 1.0, ratios, limits, np.array([[0.0, 1.0, 1.0, *ratios.values()]]), 0, 0.0, "nothing done")
     trial = _Trial(vehicle, law, _others(tracks) if validation is None else validation, tuple(speeds), limits, dt)
     schedule = optax.cosine_decay_schedule(learning_rate, max(1, episodes * (windows - 1)), alpha=0.1)
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
@@ -256,11 +260,13 @@ def _others(tracks: Any) -> Any:
     names = [tracks] if isinstance(tracks, str) else tracks
     if not all(isinstance(name, str) for name in names):
         raise InputError("validation: give tracks that are not trained on")
-    return [RandomTrack(name, seed=range(1000, 1004), length=LENGTH, fade=0.0) for name in names]
+    return [RandomTrack(name, seed=UNSEEN, length=LENGTH, fade=0.0) for name in names]
 
 
 #: m and number of realisations, of tracks that are given by a spectrum's name
 LENGTH, REALISATIONS = 2000.0, 24
+#: seeds of those of the validation rides
+UNSEEN = range(1000, 1004)
 
 
 def together(tracks: Any) -> SampledTrack:
@@ -291,6 +297,29 @@ def _picked(track: SampledTrack, which: np.ndarray, ahead: np.ndarray) -> Sample
     return picked
 
 
+def filtered(
+    sections: Float[np.ndarray, "sections 6"], memory: Float[Array, "sections 2 *places"], record: Float[Array, "samples *places"]
+) -> tuple[Float[Array, "samples *places"], Float[Array, "sections 2 *places"]]:
+    """A record through second-order sections, and what they remember after it: as `scipy.signal.sosfilt`, differentiable and in one kernel with a run.
+
+    Args:
+        sections: as `weighting_filter` gives them, dimensionless.
+        memory: of what came before, in the record's unit, SI.
+        record: samples at the filter's rate, SI.
+    """
+
+    def one(memory: Any, value: Any) -> tuple[Any, Any]:
+        after = []
+        for (b0, b1, b2, _, a1, a2), (first, second) in zip(sections, memory, strict=True):
+            passed = b0 * value + first
+            after.append(jnp.stack([b1 * value - a1 * passed + second, b2 * value - a2 * passed]))
+            value = passed
+        return jnp.stack(after), value
+
+    memory, weighted = jax.lax.scan(one, jnp.asarray(memory), record)
+    return weighted, memory
+
+
 def _mean_square(values: Float[Array | np.ndarray, "samples *places lanes"]) -> Float[Array | np.ndarray, "lanes"]:
     return (values**2).mean(axis=tuple(range(values.ndim - 1)))
 
@@ -311,13 +340,14 @@ class Teacher:
         self.scatter = None if scatter is None else scatter.drawn()
         every = round(1.0 / RATE / dt)
         if every < 1 or abs(every * dt * RATE - 1.0) > 1e-6:
-            raise InputError(f"dt {dt:g} s: 10 ms must be a whole number of steps")
+            raise InputError(f"dt {dt:g} s: 5 ms must be a whole number of steps")
         self.plan = Plan(round(window * RATE), every, ("floor_acceleration", *limits), ())
         self.fingerprint = (
             f"{speeds} {limits} {windows} {window} {lanes} {dt} {seed} {np.sum(self.track.coefficients):.17g} {law.origin}"
         )
+        self.sections = weighting_filter("Wd", RATE)
         self._compiled = False
-        self.gradient = jit(jax.value_and_grad(self._loss, has_aux=True))
+        self.gradient = jit(jax.value_and_grad(self.loss, has_aux=True))
 
     def rides(self, episode: int) -> Rides:
         """What the lanes of an episode ride."""
@@ -335,23 +365,26 @@ class Teacher:
             vehicle = scattered(vehicle, paths, factors, samples[:, rng.integers(0, samples.shape[1], count)])
         return Rides(vehicle, speed, track, noise)
 
-    def _loss(
-        self, weights: Weights, rides: Rides, x: Any, past: Any, base: dict[str, Any], prices: dict[str, Any]
+    def loss(
+        self, weights: Weights, rides: Rides, x: Any, echo: Any, base: dict[str, Any], prices: dict[str, Any]
     ) -> tuple[Any, Any]:
         law = dataclasses.replace(with_weights(self.law, weights), seed=rides.seed)
         run = integrated(rides.vehicle, law, rides.speed, rides.track, x, self.dt, 0.0, self.plan)
-        record = jnp.concatenate([past, run.records["floor_acceleration"]])
-        weighted = weighted_acceleration(record, RATE, "Wd")[len(past) :]
+        weighted, echo = filtered(self.sections, echo, run.records["floor_acceleration"])
         ratios = {"comfort": _mean_square(weighted) / base["comfort"]}
         ratios |= {name: _mean_square(run.records[name]) / base[name] for name in self.limits}
         over = {name: jnp.mean(ratios[name]) - limit**2 for name, limit in self.limits.items()}
         # the augmented Lagrangian of inequalities
         felt = sum(jnp.maximum(prices[name] + STIFFNESS * by, 0.0) ** 2 / (2.0 * STIFFNESS) for name, by in over.items())
-        return jnp.mean(ratios["comfort"]) + felt, (run.final, record[-len(past) :], over)
+        return jnp.mean(ratios["comfort"]) + felt, (run.final, echo, over)
 
-    def start(self, lanes: int) -> Array:
+    def start(self, lanes: int) -> Float[np.ndarray, "states lanes"]:
         """Rest, of so many rides."""
-        return jnp.zeros((state_size(self.vehicle, self.law), lanes))
+        return np.zeros((state_size(self.vehicle, self.law), lanes))
+
+    def silence(self, lanes: int) -> Float[np.ndarray, "sections 2 3 lanes"]:
+        """What the weighting remembers before a ride."""
+        return np.zeros((len(self.sections), 2, 3, lanes))
 
     def episode(self, course: Course, optimiser: Any) -> Course:
         """Where training stands after one more."""
@@ -361,8 +394,7 @@ class Teacher:
         base = measured(rides, self.law, duration, self.window, self.limits, self.dt)
         parts = [slice(k * self.lanes // SHARES, (k + 1) * self.lanes // SHARES) for k in range(SHARES)]
         state = self.start(self.lanes // SHARES)
-        past = np.zeros((round(PAST * RATE), 3, self.lanes // SHARES))
-        held = [(state, past)] * SHARES
+        held = [(state, self.silence(self.lanes // SHARES))] * SHARES
         for window in range(self.windows):
             here = rides.on(window * self.window)
 
@@ -388,7 +420,7 @@ class Teacher:
 
     def _of_share(self, given: tuple) -> Any:
         """Value and gradient of one part of the batch."""
-        return jax.device_get(self.gradient(*given))
+        return jax.device_get(self.gradient(*jax.tree.map(np.asarray, given)))
 
 
 def measured(
@@ -439,7 +471,7 @@ class _Trial:
             )
 
     def _measured(self, law: LearnedDamper) -> dict[str, np.ndarray]:
-        return measured(self.rides, law, 14.0, PAST, self.limits, self.dt, hunts=True)
+        return measured(self.rides, law, 14.0, SETTLING, self.limits, self.dt, hunts=True)
 
     def score(self, law: LearnedDamper) -> tuple[float, tuple[float, ...]]:
         """What is to be small, and the ratios of comfort and of what is limited, r.m.s. over all rides."""

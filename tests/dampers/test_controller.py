@@ -60,9 +60,10 @@ def test_converters_quantise_and_let_derivatives_pass():
     np.testing.assert_array_equal(slope, 1.0)
 
 
-@pytest.mark.parametrize("law", [SKYHOOK, railjax.BalanceLogic(0.7, damping_min=4e3, force_limit=3e3)], ids=["valve", "force"])
-def test_a_controller_is_a_damper_that_never_pushes(coach, law):
-    """The package's own tester: pytree, lanes, derivatives, symmetry, dissipation at every instant."""
+def test_a_controller_is_a_damper_that_never_pushes(coach):
+    """The package's own tester: pytree, lanes, derivatives, symmetry, dissipation at every instant. Of a device that is told a force; of a
+    valve in tests/dampers/test_learned.py."""
+    law = railjax.BalanceLogic(0.7, damping_min=4e3, force_limit=3e3)
     check_damper(railjax.Controller(law, sensors=Sensors.ideal()), coach, energy="instant")
 
 

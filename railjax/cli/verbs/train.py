@@ -29,7 +29,7 @@ def train(
         ),
     ] = None,
     speed_kmh: Annotated[
-        list[float] | None, typer.Option(help="Lowest and highest speed in km/h, or each of several; 120 to 240 if not given.")
+        list[float] | None, typer.Option(help="Lowest and highest speed in km/h, or each of several; 120 to 220 if not given.")
     ] = None,
     skyhook_kNs_per_m: Annotated[
         float, typer.Option("--skyhook-kNs-per-m", help="Damping per damper of the skyhook law that it begins as.")
@@ -49,7 +49,7 @@ def train(
     Then: railjax comfort coach --speed-kmh 200 --damper law.npz
     """
     finite(skyhook_kNs_per_m=skyhook_kNs_per_m, travel=travel)
-    speeds = sorted(speed_kmh or [120.0, 240.0])
+    speeds = sorted(speed_kmh or [120.0, 220.0])
     for speed in speeds:
         finite(speed_kmh=speed)
     if len(speeds) < 2 or speeds[0] == speeds[-1]:
