@@ -190,8 +190,8 @@ def test_the_table_is_the_smooth_geometry():
     np.testing.assert_allclose(found[0].angle_right, exact.contact_angle[:, 0], atol=2e-3)
     np.testing.assert_allclose(found[0].angle_left, exact.contact_angle[:, 1], atol=2e-3)
     np.testing.assert_allclose(found[0].roll, exact.roll, atol=1e-6)
-    slopes = jax.vmap(jax.grad(lambda y: table.at(y).delta_r))(jnp.append(between, [0.0, 1e-3]))
-    np.testing.assert_allclose(table.rates(jnp.append(between, [0.0, 1e-3])).delta_r, slopes, rtol=1e-9)
+    slopes = jax.vmap(jax.grad(lambda y: table.at(y).delta_r))(jnp.append(between, jnp.array([0.0, 1e-3])))
+    np.testing.assert_allclose(table.rates(jnp.append(between, jnp.array([0.0, 1e-3]))).delta_r, slopes, rtol=1e-9)
     ends = table.at(jnp.array([9e-3, 10e-3, 11e-3])).delta_r
     np.testing.assert_allclose(ends[2] - ends[1], ends[1] - ends[0], rtol=1e-9)
     with pytest.raises(railjax.InputError, match="equal steps"):

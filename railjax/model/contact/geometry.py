@@ -245,11 +245,9 @@ def contact_geometry(
         InputError: where the wheelset does not fit into the gauge, a rail does not reach 14 mm below its top, or a contact is
             beyond the end of a profile.
     """
-    wheels, rails = _two(wheel, WheelProfile), _two(rail, RailProfile)
     at = LATERAL if y is None else np.asarray(y, float)
-    numbers = [_two_numbers(key, one) for key, one in (("radius", radius), ("inclination", inclination))]
-    given = (wheels, rails, gauge, flange_back, tread_datum, *numbers, load, approach)
-    steps = int(np.ceil(np.max(np.abs(at)) / STEP - 1e-9))
+    given = both_sides(wheel, rail, gauge, flange_back, tread_datum, radius, inclination, load, approach)
+    steps = steps_to(at)
     if traced(given):
         require_double_precision("the derivative of a contact geometry, or one inside jit,")
         return _compiled(given, at, steps)
@@ -258,7 +256,20 @@ def contact_geometry(
     return found
 
 
-def _geometry(xp: ModuleType, given: tuple, y: PerY, steps: int) -> ContactGeometry:
+def both_sides(wheel: Pair, rail: Pair, *rest: Any) -> tuple:
+    """The arguments of `contact_geometry` with the profiles loaded, and what is said once said for both sides."""
+    gauge, flange_back, tread_datum, radius, inclination, *others = rest
+    numbers = [_two_numbers(key, one) for key, one in (("radius", radius), ("inclination", inclination))]
+    return (_two(wheel, WheelProfile), _two(rail, RailProfile), gauge, flange_back, tread_datum, *numbers, *others)
+
+
+def steps_to(y: PerY) -> int:
+    """Steps of `STEP` from the middle that lead beyond all y."""
+    return int(np.ceil(np.max(np.abs(y)) / STEP - 1e-9))
+
+
+def laid_out(xp: ModuleType, given: tuple) -> tuple[Side, Values]:
+    """Both sides, and the approach of wheel and rail, of (wheels, rails, gauge, flange back, tread datum, radii, inclinations, load, approach)."""
     wheels, rails, gauge, flange_back, tread_datum, radii, slopes, load, approach = given
     radii, slopes = xp.stack(radii), xp.stack(slopes)
     if approach is None:
@@ -284,6 +295,12 @@ def _geometry(xp: ModuleType, given: tuple, y: PerY, steps: int) -> ContactGeome
             raise InputError(
                 f"{rail.name}: the gauge side does not reach 14 mm below the top, where gauge is measured; the profile is too short"
             )
+    return sides, approach
+
+
+def _geometry(xp: ModuleType, given: tuple, y: PerY, steps: int) -> ContactGeometry:
+    sides, approach = laid_out(xp, given)
+    wheels, rails = given[:2]
     sharp, smooth = contacts(xp, sides, y, SPREAD * approach, steps)
     return ContactGeometry(
         **_functions(y, sharp),

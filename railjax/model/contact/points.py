@@ -271,11 +271,16 @@ def _outwards(xp: ModuleType, side: Side, steps: int) -> Pose:
     return Pose(xp.concatenate([height[:0:-1, 0], height[:, 1]]), xp.concatenate([roll[:0:-1, 0], roll[:, 1]]))
 
 
+def posed(xp: ModuleType, side: Side, y: Places, steps: int) -> Pose:
+    """About where the wheelset lies at y (m) within `steps` of `STEP`."""
+    path, grid = _outwards(xp, side, steps), STEP * np.arange(-steps, steps + 1.0)
+    return Pose(xp.interp(y, grid, path.height), xp.interp(y, grid, path.roll))
+
+
 def contacts(xp: ModuleType, side: Side, y: Places, width: Places, steps: int) -> tuple[Contacts, Contacts]:
     """The sharp contacts and the soft ones of `width` epsilon (m), at y (m) within `steps` of `STEP`."""
     still, fixed = constant(xp, (side, width))
-    path, grid = _outwards(xp, still, steps), STEP * np.arange(-steps, steps + 1.0)
-    start = Pose(xp.interp(y, grid, path.height), xp.interp(y, grid, path.roll))
+    start = posed(xp, still, y, steps)
 
     def solved(least: Callable[..., tuple[Places, Places, Places]]) -> Pose:
         return constant(xp, repeated(xp, AT_Y, lambda pose: _step(xp, least, still, y, pose), start))
@@ -403,10 +408,14 @@ def leaning(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) ->
 
 def risen(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) -> tuple[Places, Pose]:
     """`Lean.rise` alone, and the pose at which it is: found by Newton steps from one nearby."""
-    for _ in range(AT_Y):
-        height, roll = _leant(xp, side, y, pose, width)[2]
-        pose = Pose(pose.height + xp.clip(height, -MOST_HEIGHT, MOST_HEIGHT), pose.roll + xp.clip(roll, -MOST_ROLL, MOST_ROLL))
-    return _leant(xp, side, y, pose, width)[0], pose
+
+    def step(reached: tuple[Places, Pose]) -> tuple[Places, Pose]:
+        pose = reached[1]
+        rise, _, (height, roll) = _leant(xp, side, y, pose, width)
+        height, roll = xp.clip(height, -MOST_HEIGHT, MOST_HEIGHT), xp.clip(roll, -MOST_ROLL, MOST_ROLL)
+        return rise, Pose(pose.height + height, pose.roll + roll)
+
+    return repeated(xp, AT_Y + 1, step, (pose.roll, pose))
 
 
 def _leant(xp: ModuleType, side: Side, y: Places, pose: Pose, width: Places) -> tuple[Places, Places, tuple[Places, Places]]:

@@ -5,7 +5,6 @@ displacement is y = y_c + u with y_c that of the rigid geometry. So what would b
 """
 
 import dataclasses
-import functools
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -16,14 +15,14 @@ import numpy as np
 from ...base.arguments import guarded
 from ...base.checks import FLAG, traced
 from ...base.errors import InputError
-from ...base.namespace import constant, known, namespace
+from ...base.namespace import constant, known, namespace, repeated
 from ...base.precision import require_double_precision
 from ...base.typing import Scalar, Values
 from ..consistency import VEHICLE
 from ..vehicle import Profiles, Vehicle
-from .geometry import FLATTEST, PLACED, SPREAD, Pair, contact_geometry
+from .geometry import FLATTEST, PLACED, SPREAD, Pair, both_sides, contact_geometry, laid_out, steps_to
 from .kalker import creep_coefficients
-from .points import Lean, Pose, Side, leaning, risen
+from .points import Lean, Pose, Side, leaning, posed, risen
 from .profile_contact import FUNCTIONS, OF_WHEEL, SHARED
 from .table import slopes_of
 
@@ -95,20 +94,23 @@ def with_profiles(
         raise InputError(
             "with_profiles takes one vehicle, without lanes; make each vehicle by itself, or map over it with jax.vmap"
         )
-    geometry = contact_geometry(
-        wheel, rail, gauge=gauge, flange_back=flange_back, tread_datum=tread_datum, radius=radius, inclination=inclination, y=Y, load=load
-    )  # fmt: skip
-    given = geometry.sides, SPREAD * geometry.approach, geometry.smooth.height, geometry.smooth.roll, load, stiffness
+    placed = wheel, rail, gauge, flange_back, tread_datum, radius, inclination, load, None
+    given = both_sides(*placed), stiffness
     if traced(given):
         require_double_precision("a vehicle on traced profiles")
         values = _compiled(given)
     else:
+        # what is no geometry is refused
+        geometry = contact_geometry(
+            wheel, rail, gauge=gauge, flange_back=flange_back, tread_datum=tread_datum, radius=radius, inclination=inclination, y=Y, load=load
+        )  # fmt: skip
+        pose = Pose(geometry.smooth.height, geometry.smooth.roll)
         # Kalker's coefficients in double precision whatever the process uses
         with jax.enable_x64(True):
-            values = _values(np, known(given))
+            values = _values(np, *known((geometry.sides, SPREAD * geometry.approach, pose, load, stiffness)))
     alike = not any(isinstance(one, (tuple, list)) or np.ndim(one) for one in (wheel, rail, radius, inclination))
     xp = namespace(values)
-    angle = xp.min(xp.max(geometry.contact_angle, axis=0))
+    angle = xp.min(xp.stack([xp.arctan(xp.max(-one.slope)) for one in given[0][0]]))
     return _carried(vehicle, values, angle, alike, simplified, _given(wheel, rail, numbers, inclination))
 
 
@@ -130,9 +132,18 @@ def _yielded(xp: ModuleType, force: Values, load: Values, stiffness: Values) -> 
     return xp.sign(force) * (xp.sqrt(force**2 + begins**2) - begins) / stiffness
 
 
-def _values(xp: ModuleType, given: tuple) -> Values:
+def _traced_values(given: tuple) -> Values:
+    placed, stiffness = given
+    side, approach = laid_out(jnp, placed)
+    pose = posed(jnp, constant(jnp, side), Y, steps_to(Y))
+    return _values(jnp, side, SPREAD * approach, pose, placed[-2], stiffness)
+
+
+_compiled = jax.jit(_traced_values)
+
+
+def _values(xp: ModuleType, side: Side, width: Values, pose: Pose, load: Values, stiffness: Values) -> Values:
     """The functions at `Y`, (y, functions)."""
-    side, width, height, roll, load, stiffness = given
     still, fixed, weight, rail = constant(xp, (side, width, load, stiffness))
 
     def rigid(of: Side, spread: Values, q: Values, k: Values, y: Values, pose: Pose) -> tuple[Values, Lean]:
@@ -143,7 +154,7 @@ def _values(xp: ModuleType, given: tuple) -> Values:
         rise, pose = risen(xp, still, y, pose, fixed)
         return _Place(y, pose, y + _yielded(xp, 2.0 * weight * rise, weight, rail) - wanted)
 
-    found = _found(xp, tried, Y, constant(xp, Pose(height, roll)))
+    found = _found(xp, tried, Y, constant(xp, pose))
     if xp is jnp:
         # the implicit function's derivative by a Newton step that changes nothing
         y, pose = constant(xp, (found.y, found.pose))
@@ -157,7 +168,7 @@ def _values(xp: ModuleType, given: tuple) -> Values:
 
 def _found(xp: ModuleType, tried: Any, y: Values, pose: Pose) -> _Place:
     """y_c of each y, by false position between the neighbours among the rigid displacements between which it lies."""
-    there = tried(y, pose, 0.0)
+    there = tried(y, repeated(xp, 2, lambda pose: tried(y, pose, 0.0).pose, pose), 0.0)
     middle = len(y) // 2
     right, left = _rising(xp, there.off[middle:]), -_rising(xp, -there.off[: middle + 1][::-1])[::-1]
     reached = xp.concatenate([left[:-1], right])
@@ -219,9 +230,6 @@ def _functions(xp: ModuleType, at: Values, lean: Lean, load: Values, radii: Valu
     shared = 0.5 * (found.radius[0] - found.radius[1]), lean.rise, 1.0 + xp.mean(radii) * lean.roll, roll_rate
     wheels = moved, xp.sin(found.angle), 1.0 / cosine, *creep
     return xp.stack([*shared, *(one[k] for one in wheels for k in range(2)), at], axis=1)
-
-
-_compiled = jax.jit(functools.partial(_values, jnp))
 
 
 def _carried(vehicle: Vehicle, found: Values, angle: Values, alike: bool, simplified: bool, given: tuple) -> Vehicle:
