@@ -173,7 +173,7 @@ def test_profiles_guide_by_their_contact_angles(coach):
     mass = coach.carbody.mass + 2 * coach.bogie.mass + 4 * coach.wheelset.mass
     np.testing.assert_allclose(np.sum(found.sum_y, axis=0), mass * (speed**2 / radius - G * 0.1 / BASE), rtol=1e-9)
     quotient = found.y_over_q[0, 0]
-    assert 0.3 < quotient[0] < 0.5
+    assert 0.2 < quotient[0] < 0.45
     assert quotient[1] < 0.2
     assert quotient[2] < 0.05
     assert found.wheelset_y[0, 0] < -6.2e-3 < found.wheelset_y[0, 1]
