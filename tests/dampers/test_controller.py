@@ -61,10 +61,31 @@ def test_converters_quantise_and_let_derivatives_pass():
 
 
 def test_a_controller_is_a_damper_that_never_pushes(coach):
-    """The package's own tester: pytree, lanes, derivatives, symmetry, dissipation at every instant. Of a device that is told a force; of a
-    valve in tests/dampers/test_learned.py."""
-    law = railjax.BalanceLogic(0.7, damping_min=4e3, force_limit=3e3)
-    check_damper(railjax.Controller(law, sensors=Sensors.ideal()), coach, energy="instant")
+    """The package's own tester: pytree, lanes, derivatives, symmetry, dissipation at every instant."""
+    check_damper(railjax.Controller(SKYHOOK, sensors=Sensors.ideal(), device=Device(slew=40.0)), coach, energy="instant")
+
+
+@pytest.mark.parametrize(
+    "device", [Device(), Device(kind="force"), Device(kind="force", damping_max=None, force_limit=3e3)], ids=str
+)
+def test_a_device_gives_what_it_can_and_never_pushes(device):
+    """By hand, in NumPy, whatever is commanded."""
+    rng = np.random.default_rng(0)
+    command, v = rng.uniform(0.0, 1.0, 500) if device.kind == "valve" else rng.normal(size=500) * 8e3, rng.normal(size=500) * 0.2
+    force = np.asarray(device.delivered(*map(jnp.asarray, (command, v))))
+    assert np.all(force * v >= 0.0)
+    if device.kind == "valve":
+        expected = np.clip(2.0 * (device.damping_min + (5e4 - device.damping_min) * command) * v, -1e4, 1e4)
+    else:
+        most = np.inf if device.damping_max is None else 2.0 * device.damping_max * np.abs(v)
+        least = 2.0 * device.damping_min * np.abs(v)
+        expected = np.maximum(np.minimum(command * np.sign(v), most), least) * np.sign(v)
+    np.testing.assert_allclose(force, expected, rtol=1e-12)
+    # a demand that the device can give is what it gives
+    wanted = 2.0 * 2e4 * v
+    given = np.asarray(device.delivered(device.command(jnp.asarray(wanted), jnp.asarray(v)), jnp.asarray(v)))
+    within = np.abs(wanted) < (3e3 if device.damping_max is None else 5e3) * 2.0
+    np.testing.assert_allclose(given[within], wanted[within], rtol=1e-9)
 
 
 @pytest.fixture(scope="module")
