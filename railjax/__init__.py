@@ -43,9 +43,11 @@ if TYPE_CHECKING:
     from .model.damper import Damper, PassiveDamper, Seen
     from .model.motion import matrices, state_matrix, track_matrix
     from .model.parameters import get_parameter, parameters, replace, set_parameter
+    from .model.track.layout import Layout
     from .model.track.measured import MeasuredTrack
     from .model.track.random import RandomTrack
     from .model.track.sampled import spectrum_of
+    from .model.track.segments import Segment
     from .model.track.shapes import BumpTrack, SinusoidTrack, TangentTrack, alignment
     from .model.track.spectra import ErriSpectrum, FormulaSpectrum, FraSpectrum, Spectrum, TableSpectrum, spectrum
     from .model.vehicle import BumpStop, CrossBracing, LateralDamper, Vehicle, YawDamper
@@ -65,6 +67,8 @@ if TYPE_CHECKING:
     from .simulation.channels import CHANNELS
     from .simulation.simulate import Result, Simulation, simulate
     from .simulation.speed import SpeedProfile
+    from .stability.curving.critical import CurveCritical, curve_critical
+    from .stability.curving.nonlinear import CurveNonlinear, curve_nonlinear_critical
     from .stability.curving.result import Equilibrium, SteadyCurving
     from .stability.curving.steady import curving
     from .stability.hunting.branch import hunting_branch
@@ -110,6 +114,8 @@ __all__ = [
     "Controller",
     "CriticalSpeed",
     "CrossBracing",
+    "CurveCritical",
+    "CurveNonlinear",
     "Damper",
     "Device",
     "Equilibrium",
@@ -129,6 +135,7 @@ __all__ = [
     "InputError",
     "KalmanFilter",
     "LateralDamper",
+    "Layout",
     "LearnedDamper",
     "LeastDamping",
     "LimitCycle",
@@ -150,6 +157,7 @@ __all__ = [
     "RunningRecord",
     "Scatter",
     "Seen",
+    "Segment",
     "Sensors",
     "Simulation",
     "SinusoidTrack",
@@ -181,6 +189,8 @@ __all__ = [
     "contact_ellipse",
     "contact_geometry",
     "creep_coefficients",
+    "curve_critical",
+    "curve_nonlinear_critical",
     "curving",
     "each_point",
     "equivalent_conicity",
@@ -260,6 +270,8 @@ _NAMES = {
     "base.batches": "use_all_cores",
     "stability.hunting.limit_cycles": "Branch LimitCycle",
     "stability.linear_critical": "Stability linear_critical linear_critical_speed",
+    "model.track.layout": "Layout",
+    "model.track.segments": "Segment",
     "model.track.measured": "MeasuredTrack",
     "stability.modes": "Modes RootLocus modes root_locus",
     "model.motion": "matrices state_matrix track_matrix",
@@ -305,6 +317,8 @@ _NAMES = {
     "ride.vibration": "sperling weighted_acceleration weighted_rms",
     "ride.weightings": "weighting weighting_filter",
     "model.contact.conicity": "equivalent_conicity nonlinearity_parameter",
+    "stability.curving.critical": "CurveCritical curve_critical",
+    "stability.curving.nonlinear": "CurveNonlinear curve_nonlinear_critical",
     "stability.curving.result": "Equilibrium SteadyCurving",
     "stability.curving.steady": "curving",
     "model.contact.geometry": "ContactGeometry contact_geometry",

@@ -63,6 +63,7 @@ OF_LAWS = {
     "fault",
     "describing",
 }
+OF_LAWS |= {"decide", "reading", "converted", "slewed", "advanced", "told", "features", "estimate", "inputs", "demanded"}
 OF_LAWS |= {"seen_from", "plot", "codes", "value", "sharp"}
 
 CLASSES = {name: value for name in railjax.__all__ if inspect.isclass(value := getattr(railjax, name))}
@@ -97,6 +98,19 @@ OWN_WAY = {
         coach, {"a": ("contact.friction",)}, {"linear_kmh": 200.0}, bounds=(2.0, 1.0)
     ),
     "comfort.place": lambda coach: railjax.comfort(np.zeros(9000), 200.0, place="roof"),
+    "Faults.none.sensors": lambda coach: railjax.Faults.none(0, 2),
+    "LearnedDamper.of.controller": lambda coach: railjax.LearnedDamper.of(railjax.Skyhook(), coach),
+    "LearnedDamper.of.time_constants": None,
+    "Sensors.typical.names": lambda coach: railjax.Sensors.typical("nose"),
+    "Sensors.ideal.names": lambda coach: railjax.Sensors.ideal("nose"),
+    "train.law": lambda coach: railjax.train(coach, railjax.Skyhook(), tracks="erri-low", speeds=[30.0, 40.0]),
+    "train.limits": lambda coach: railjax.train(
+        coach,
+        railjax.LearnedDamper.of(railjax.Controller(railjax.Skyhook(damping=1e5)), coach),
+        tracks="erri-low",
+        speeds=[30.0, 40.0],
+        limits={"travel": 1.0},
+    ),
     "pareto.objective": lambda coach: railjax.pareto(coach, BOUNDS, "comfort", AIM),
     "pareto.against": lambda coach: railjax.pareto(coach, BOUNDS, AIM, 3),
     "pareto.constraints": lambda coach: railjax.pareto(coach, BOUNDS, AIM, AIM, [3.0]),
@@ -119,6 +133,9 @@ OWN_WAY = {
     "sweep.samples": lambda coach: railjax.sweep(
         railjax.LeastDamping(), {"speed": (30.0, 40.0)}, vehicle=coach, design="sobol", samples=0
     ),
+    "Layout.from_samples": lambda coach: railjax.Layout.from_samples([0.0, 1.0], [0.0, NAN]),
+    "Layout.load": lambda coach: railjax.Layout.load("nowhere.csv"),
+    "Layout.curve_at": None,  # by the integrator
     "TableSpectrum.checked.wavenumber": lambda coach: railjax.TableSpectrum.checked([2.0, 1.0], [1.0, 1.0]),
     "WheelProfile.load.columns": lambda coach: railjax.WheelProfile.load("nowhere.csv", columns={"lateral": "a"}),
     "WheelProfile.load.unit": None,
@@ -196,6 +213,12 @@ def good(coach):
         "geometry": None,
         "last": 10,
         "stride": 2,
+        "tracks": "erri-low",
+        "law": None,
+        "sensors": railjax.Sensors.typical(),
+        "bogies": 2,
+        "controller": None,
+        "share": 0.5,
     }
 
 
@@ -300,10 +323,11 @@ MADE = {
     "MaxwellDamper": (25e3, 5e6, 0.1, 5e3),
     "ErriSpectrum": (1e-7,),
     "FraSpectrum": (1e-5,),
+    "Controller": (railjax.Skyhook(),),
 }
 
 
-@pytest.mark.parametrize("name", [name for name in of_kind("force") if name not in ("Damper",)])
+@pytest.mark.parametrize("name", [name for name in of_kind("force") if name not in ("Damper", "LearnedDamper")])
 def test_dampers(coach, name):
     damper = CLASSES[name](*MADE.get(name, ()))
     for key, _, changed in spoiled(damper):

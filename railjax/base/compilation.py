@@ -38,6 +38,10 @@ WIDE = {"xla_cpu_prefer_vector_width": 512}
 #: options for large kernels on CPU that run for milliseconds: LLVM takes half the time and what it makes runs as fast
 QUICK = {"xla_backend_optimization_level": 1}
 
+#: options for large programs of many small parts that run a few dozen times, like a statistical linearisation or a derivative for `tune`:
+#: compiled in 3.5 s of processor time instead of 8.7, run in 0.34 s instead of 0.25 (JAX 0.10.1; later releases have one emitter only)
+HASTY = {"xla_backend_optimization_level": 0} | ({"xla_cpu_use_fusion_emitters": False} if jax.__version_info__ < (0, 11) else {})
+
 
 def options(chosen: dict[str, int]) -> dict[str, int] | None:
     """Compiler options where they are known: on CPU."""
@@ -144,6 +148,21 @@ def fence(function: F) -> F:
         return set_xla_metadata(called(*arguments), inlineable="false")
 
     return fenced  # type: ignore[return-value]
+
+
+def hasty(**of_jit: Any) -> Callable[[F], F]:
+    """`jax.jit` with `HASTY`; where the function is part of what is traced, that decides."""
+
+    def decorated(function: F) -> F:
+        within, alone = jax.jit(function, **of_jit), jax.jit(function, compiler_options=HASTY, **of_jit)
+
+        @functools.wraps(function)
+        def compiled(*arguments: Any) -> Any:
+            return (within if traced(arguments) else alone)(*arguments)
+
+        return compiled  # type: ignore[return-value]
+
+    return decorated
 
 
 def one_kernel(function: F) -> F:

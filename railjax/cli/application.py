@@ -21,6 +21,7 @@ from .verbs.report import report
 from .verbs.simulate import simulate
 from .verbs.stability import critical_speed, modes
 from .verbs.sweep import sweep
+from .verbs.train import train
 from .verbs.tune import tune
 from .verbs.vehicles import check, vehicles_app
 
@@ -63,6 +64,7 @@ app.command()(conicity)
 app.command()(curving)
 app.command()(report)
 app.command()(tune)
+app.command()(train)
 app.command()(sweep)
 
 

@@ -53,7 +53,10 @@ VehicleName = Annotated[
 ]
 DamperName = Annotated[
     str,
-    typer.Option(help=f"Secondary lateral damper: {', '.join(DAMPERS)}.", autocompletion=completing(lambda: DAMPERS)),
+    typer.Option(
+        help=f"Secondary lateral damper: {', '.join(DAMPERS)}; or the file of a law (.npz).",
+        autocompletion=completing(lambda: DAMPERS),
+    ),
 ]
 Alpha = Annotated[float | None, typer.Option(help=f"Gain α of the dampers {' and '.join(WITH_ALPHA)}.")]
 TRACKS = "erri-low, erri-high, fra-1 to fra-6"

@@ -17,6 +17,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ..base.arguments import guarded
+from ..base.compilation import hasty
 from ..base.errors import InputError, NumericalError
 from ..base.failed_lanes import nan_unless, no_number, without_nan
 from ..base.packing import as_numbers
@@ -121,7 +122,7 @@ def statistical_linearisation(
     return StatisticalResponse(FrequencyResponse(frequency, transfer, waves, growth, speed, vehicle.name), gains, change)
 
 
-@functools.partial(jax.jit, static_argnames="record")
+@hasty(static_argnums=4)
 def _solved(vehicle: Vehicle, damper: Damper, speed: Scalar, waves: Excitation, record: tuple[str, ...]):
     sound = ~no_number((vehicle, speed, damper, waves))
     vehicle, speed, damper, waves = given = without_nan((vehicle, speed, damper, waves))

@@ -18,6 +18,8 @@ from ..base.typing import Scalar
 from ..model.damper import Damper
 from ..model.kinematics import layout, size, wheelset_positions
 from ..model.motion import Motion, held, motion, state_rate
+from ..model.track.curve import Curve
+from ..model.track.layout import Layout
 from ..model.track.shapes import Track
 from ..model.vehicle import Vehicle
 from .channels import CHANNELS, parse_reduction, rows_of_motion, shape_of
@@ -54,6 +56,7 @@ class Inputs(NamedTuple):
 
     alignment: Float[Array, "..."]
     slowness: Float[Array, "..."] | None  # None where the speed is constant
+    curve: Curve | None = None  # None on straight lines
 
 
 def largest_divisor(number: int, limit: int) -> int:
@@ -92,21 +95,26 @@ class _Stepper:
     ) -> None:  # fmt: skip
         self.vehicle, self.damper, self.dt, self.settle, self.looped = vehicle, damper, dt, settle, looped
         like = jnp.zeros((*layout(vehicle)["wheelset_y"], *x.shape[1:]), x.dtype)
+        self.curved = isinstance(track, Layout)
         self.inputs = _inputs(vehicle, speed, track, like, dt, burst, straight)
         self.slowness = None if isinstance(speed, SpeedProfile) else 1.0 / jnp.asarray(speed, x.dtype)
         self.reductions = [parse_reduction(name) for name in reduce]
 
     def instant(self, now: Inputs, x: State) -> Motion:
         slowness = self.slowness if now.slowness is None else now.slowness
-        return motion(self.vehicle, self.damper, slowness, now.alignment, x)
+        return motion(self.vehicle, self.damper, slowness, now.alignment, x, now.curve)
 
     def apart(self, x: State) -> list[Array]:
         """q, q' and internal states each in an array of its own: then q' of a stage is also the rate of its q, and is never copied."""
         count = size(self.vehicle)
         return jax.lax.split(x, (count, count, x.shape[0] - 2 * count))
 
-    def start(self, x: State) -> list[Array]:
-        return self.apart(held(self.vehicle, self.damper, x))
+    def start(self, x: State, curve: Curve | None) -> list[Array]:
+        return self.apart(held(self.vehicle, self.damper, x, curve))
+
+    def curve(self, burst: int | Array) -> Curve | None:
+        """The line's at the start of a burst."""
+        return jax.tree.map(lambda leaf: leaf[0, 0], self.inputs(jnp.asarray(burst))[0].curve) if self.curved else None
 
     def sample(self, record: tuple[str, ...], burst: Array, x: State) -> dict[str, Array]:
         """Channels at the start of a burst."""
@@ -132,7 +140,8 @@ class _Stepper:
             return self.apart(state_rate(self.vehicle, at)), sums
 
         parts, sums = rk4(stage, *carry, self.dt, self.looped)
-        return (self.start(jnp.concatenate(parts)), sums), None
+        curve = jax.tree.map(lambda leaf: leaf[2], inputs.curve)
+        return (self.start(jnp.concatenate(parts), curve), sums), None
 
     def zeros(self, x: State) -> tuple[Array, ...]:
         shapes = (shape_of(channel, self.vehicle) for _, channel in self.reductions)
@@ -212,7 +221,7 @@ def integrated(
     # two levels of about the same length, so that reverse mode keeps only the square root of the samples
     per_block = largest_divisor(plan.samples, max(1, isqrt(plan.samples)))
     indices = jnp.arange(plan.samples).reshape(-1, per_block)
-    begun = (stepper.start(x), stepper.zeros(x)), sound
+    begun = (stepper.start(x, stepper.curve(0)), stepper.zeros(x)), sound
     ((parts, sums), sound), records = jax.lax.scan(block, begun, indices)
     records = {name: value.reshape((plan.samples, *value.shape[2:])) for name, value in records.items()}
     totals = stepper.totals(plan.reduce, sums, plan.samples * plan.every, x.dtype)
@@ -250,7 +259,7 @@ def advance(
 
     shapes = {STATES: x.shape[:1]} if block.record is None else {name: shape_of(name, vehicle) for name in block.record}
     records = {name: jnp.zeros((block.samples, *shape, *x.shape[1:]), x.dtype) for name, shape in shapes.items()}
-    start = (stepper.start(x), progress.sums), progress.diverged, records
+    start = (stepper.start(x, stepper.curve(first * bursts)), progress.sums), progress.diverged, records
     (parts, sums), diverged, records = jax.lax.fori_loop(0, count, sample, start)
     totals = stepper.totals(block.reduce, sums, (first + count) * bursts * block.burst, x.dtype)
     x, diverged = jnp.concatenate(parts), diverged | ~_within(parts) | _no_number(vehicle, damper, speed, track, dt, settle)
@@ -329,13 +338,27 @@ def _inputs(
     rough = track.seen_from(positions)
     seen = fence(rough if straight is None else lambda start: jnp.where(straight, 0.0, rough(start)))
 
+    def line(distance: Array, speed: Array, gain: Array) -> Curve | None:
+        """The curves at several distances, (k, *lanes)."""
+        if not isinstance(track, Layout):
+            return None
+        found = jax.vmap(lambda at, v, gain: track.curve_at(vehicle, at, v, gain, like))(distance, speed, gain)
+        return found if straight is None else jax.tree.map(lambda leaf: jnp.where(straight, 0.0, leaf), found)
+
     def sampled(index: Array) -> Inputs:
         if varying:
             time = (index * burst + halves) * dt
-            alignment = jax.vmap(seen)(speed.distance(time).astype(like.dtype))
-            return Inputs(alignment, (1.0 / speed.at(time)).astype(like.dtype))  # type: ignore[operator]
+            distance = speed.distance(time).astype(like.dtype)  # type: ignore[union-attr]
+            alignment = jax.vmap(seen)(distance)
+            now = (1.0 / speed.at(time)).astype(like.dtype)  # type: ignore[operator]
+            return Inputs(alignment, now, line(distance, *_gaining(speed, time)) if isinstance(track, Layout) else None)
         alignment = seen(jnp.asarray(speed * (index * burst * dt), like.dtype))  # type: ignore[operator]
-        return Inputs(jnp.broadcast_to(alignment, (2 * burst + 1, *like.shape)), None)
+        curve = None
+        if isinstance(track, Layout):
+            now = jnp.broadcast_to(jnp.asarray(speed, like.dtype), (2 * burst + 1, *like.shape[2:]))
+            along = (index * burst + halves).reshape((-1,) + (1,) * len(like.shape[2:])) * dt
+            curve = line(now * along, now, jnp.zeros_like(now))
+        return Inputs(jnp.broadcast_to(alignment, (2 * burst + 1, *like.shape)), None, curve)
 
     def inputs(index: Array) -> tuple[Inputs, Array]:
         parts = slice(0, -1, 2), slice(1, None, 2), slice(2, None, 2)
@@ -343,3 +366,8 @@ def _inputs(
         return of_steps, ((index * burst + jnp.arange(burst)) * dt).astype(like.dtype)
 
     return inputs
+
+
+def _gaining(speed: Speed, time: Float[Array, "k"]) -> tuple[Float[Array, "k"], Float[Array, "k"]]:
+    """v and v' of a speed profile, m/s and m/s²."""
+    return jax.jvp(speed.at, (time,), (jnp.ones_like(time),))  # type: ignore[union-attr]

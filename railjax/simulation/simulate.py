@@ -15,11 +15,13 @@ from ..base.batches import Batch, alone, chunk_for, with_derivative_of
 from ..base.checks import traced
 from ..base.errors import InputError
 from ..base.packing import as_numbers
+from ..base.precision import require_double_precision
 from ..base.typing import Scalar
 from ..model.damper import Damper
 from ..model.kinematics import join, layout
 from ..model.motion import PASSIVE, state_size
 from ..model.parameters import without_labels
+from ..model.track.layout import Layout
 from ..model.track.shapes import TangentTrack, Track
 from ..model.vehicle import Vehicle
 from .blocks import Sampled, finished, lane_shape, wheelsets_flat
@@ -36,6 +38,7 @@ def simulate(
     speed: Speed,
     *,
     track: Track | None = None,
+    layout: Layout | None = None,
     damper: Damper = PASSIVE,
     duration: float = 10.0,
     dt: float = 1e-3,
@@ -60,7 +63,8 @@ def simulate(
     Args:
         vehicle: what runs, as `load_vehicle` gives it.
         speed: v, m/s, or a `SpeedProfile`.
-        track: the alignment that is met; by default tangent track.
+        track: the alignment that is met; by default tangent track. A `Layout` is one as well.
+        layout: curvature and cant of the line, upon which the `track` lies; by default straight.
         damper: what takes the place of rho_cy; by default the vehicle's own.
         duration: s, a whole number of steps and of samples.
         dt: step of RK4, s.
@@ -79,7 +83,11 @@ def simulate(
             those of a body that is held, coordinates that do not exist, an initial state of another length, and times that are
             traced.
     """
+    if layout is not None:
+        track = layout if track is None else layout.with_irregularity(track)
     track = TangentTrack() if track is None else track
+    if isinstance(track, Layout):
+        require_double_precision("a layout")
     plan = _plan(vehicle, duration, dt, sample, tuple(record), tuple(reduce), settle)
     x = initial_state(vehicle, damper, initial)
     chunk = chunk_for(x.dtype) if chunk is None else chunk

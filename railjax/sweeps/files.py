@@ -16,7 +16,7 @@ from ..base.checks import shown
 from ..base.errors import InputError, nearest
 from ..base.fields import given_fields, given_number, keys_by_unit
 from ..base.units import KMH, keys_of
-from ..dampers.named import DAMPERS, make_damper
+from ..dampers.named import DAMPERS, FILE, make_damper
 from ..model.kinematics import UNITS as COORDINATES
 from ..model.track.named import TRACKS, make_track
 from ..model.vehicle import PARTS, Vehicle
@@ -170,7 +170,9 @@ def _track(table: dict[str, Any]) -> Any:
 
 
 def _damper(table: dict[str, Any], vehicle: Vehicle, speed: float | None) -> Any:
-    damper: Any = make_damper(_one_of(table, "kind", DAMPERS, "damper."), vehicle, speed)
+    kind = str(table.get("kind"))
+    kind = kind if kind.endswith(FILE) else _one_of(table, "kind", DAMPERS, "damper.")
+    damper: Any = make_damper(kind, vehicle, speed)
     rest = {key: value for key, value in table.items() if key != "kind"}
     return dataclasses.replace(damper, **given_fields(damper, rest, "damper", also=("kind",)))
 

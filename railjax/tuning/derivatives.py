@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..base.compilation import HASTY
 from ..base.compilation import jit as one_kernel
 from .design_space import DesignSpace
 from .quantity import Quantity, Trees
@@ -48,7 +49,7 @@ def _value_and_gradient(quantity: Quantity, trees: Trees):
     return jax.value_and_grad(lambda trees: quantity.value(*trees))(trees)
 
 
-_reverse_compiled = jax.jit(_value_and_gradient)
+_reverse_compiled = jax.jit(_value_and_gradient, compiler_options=HASTY)
 
 
 @jax.jit

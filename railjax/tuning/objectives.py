@@ -3,6 +3,7 @@
     comfort, travel, guiding_force    random track: frequency domain (reverse mode); any track in time: forward mode
     linear_critical_speed, least_damping    eigenvalues, by left and right eigenvectors
     nonlinear_critical_speed, limit_cycle_amplitude    periodic orbits, by the implicit function
+    wear, guiding_force, angle_of_attack, derailment_quotient    steady curving, by the implicit function
 
 Each is a function that returns a `Quantity`; `quantity >= limit` and `quantity <= limit` (SI) are constraints. A run that hunts is
 never differentiated through time: that is refused, and the message names what to use instead.
@@ -34,6 +35,7 @@ from ..stability.hunting import limit_cycles
 from ..stability.hunting import nonlinear_critical as critical
 from ..stability.modes import least_damped
 from .forced import response_over
+from .in_curves import CANT, CANT_DEFICIENCY, critical_in_curve, in_curve
 from .quantity import Quantity, kmh
 
 METHODS = ("auto", "frequency", "statistical", "time")
@@ -97,18 +99,25 @@ def travel(
 
 
 def guiding_force(
-    speeds: Any,
+    speeds: Any = None,
     track: Any = "erri-high",
     *,
+    radius: Scalar | None = None,
+    cant: Scalar = CANT,
+    cant_deficiency: Scalar | None = None,
     peak_factor: Scalar = PEAK_FACTOR,
     method: str = "auto",
     **run: Any,
 ) -> Quantity:
-    """Largest lateral force of the track on a wheelset (ΣY), N: of all speeds, tracks and wheelsets the greatest.
+    """Largest lateral force of the track on a wheelset (ΣY), N: of all speeds, tracks and wheelsets the greatest. With a `radius` instead the
+    largest force of a rail on a wheel (Y) in steady curving.
 
     Args:
-        speeds: one or several, shape `(speeds,)`, m/s.
+        speeds: one or several, shape `(speeds,)`, m/s; in a curve one, or none, as in `wear`.
         track: a spectrum, a `RandomTrack`, by method "time" any track, or several of these in a list, as in `comfort`.
+        radius: R of a curve, m; by default it is random tracks that are run on.
+        cant: of the curve's outer rail, m.
+        cant_deficiency: of the curve, m, as in `wear`.
         peak_factor: on a random track the times of the r.m.s. that count as the peak, dimensionless, by default 3; by method
             "time" the peak is the run's own.
         method: as in `comfort`.
@@ -117,7 +126,65 @@ def guiding_force(
     Raises:
         InputError: as in `comfort`.
     """
+    if radius is not None:
+        return in_curve("guiding force", radius, None if speeds is None else _one(speeds), cant, cant_deficiency)
+    if speeds is None:
+        raise InputError("guiding_force needs speeds (m/s), or the radius of a curve")
     return _response("guiding force", speeds, track, "guiding_force", None, peak_factor, method, run)
+
+
+def wear(radius: Scalar, speed: Scalar | None = None, *, cant: Scalar = CANT, cant_deficiency: Scalar | None = None) -> Quantity:
+    """Wear number T gamma of all wheels in steady curving, N.
+
+    Args:
+        radius: R, m, positive to the right.
+        speed: v, m/s; None: that of cant and cant deficiency together.
+        cant: of the outer rail, m.
+        cant_deficiency: instead of a speed, m; 0.1 if neither is given.
+
+    Raises:
+        InputError: for numbers that cannot be, and for both a speed and a deficiency.
+    """
+    return in_curve("wear", radius, speed, cant, cant_deficiency)
+
+
+def angle_of_attack(
+    radius: Scalar, speed: Scalar | None = None, *, cant: Scalar = CANT, cant_deficiency: Scalar | None = None
+) -> Quantity:
+    """Largest angle of attack of a wheelset against the outer rail in steady curving, rad.
+
+    Args:
+        radius: R, m, positive to the right.
+        speed: v, m/s, as in `wear`.
+        cant: of the outer rail, m.
+        cant_deficiency: m, as in `wear`.
+
+    Raises:
+        InputError: as in `wear`.
+    """
+    return in_curve("angle of attack", radius, speed, cant, cant_deficiency)
+
+
+def derailment_quotient(
+    radius: Scalar, speed: Scalar | None = None, *, cant: Scalar = CANT, cant_deficiency: Scalar | None = None
+) -> Quantity:
+    """Largest Y/Q of a wheel that presses its rail outwards in steady curving, dimensionless.
+
+    Args:
+        radius: R, m, positive to the right.
+        speed: v, m/s, as in `wear`.
+        cant: of the outer rail, m.
+        cant_deficiency: m, as in `wear`.
+
+    Raises:
+        InputError: as in `wear`.
+    """
+    return in_curve("Y/Q", radius, speed, cant, cant_deficiency)
+
+
+def curve_critical_speed(radius: Scalar, *, cant_deficiency: Scalar = CANT_DEFICIENCY) -> Quantity:
+    """Linear critical speed (m/s) in a curve of `radius` (m), at a cant that follows the speed so that the `cant_deficiency` (m) stays."""
+    return critical_in_curve(radius, cant_deficiency)
 
 
 def _response(

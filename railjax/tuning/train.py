@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..base.arguments import guarded
 from ..base.batches import Batch, in_threads
-from ..base.checks import a_function, positive, whole
+from ..base.checks import a_function, a_path, positive, whole
 from ..base.compilation import jit
 from ..base.errors import InputError, NumericalError
 from ..base.packing import as_numbers
@@ -26,18 +25,21 @@ from ..dampers.control.learned import LearnedDamper
 from ..model.motion import state_size
 from ..model.parameters import without_labels
 from ..model.track.random import RandomTrack
-from ..model.track.sampled import SampledTrack
+from ..model.track.sampled import MARGIN, SampledTrack
 from ..model.vehicle import Vehicle
 from ..ride.vibration import weighted_acceleration
+from ..ride.weightings import weighting_filter
+from ..simulation.channels import check_channel
 from ..simulation.integrate import Plan, integrated
 from ..simulation.simulate import simulate
+from .forced import hunting
 from .robust import Scatter, scattered
 
 #: Hz; at which accelerations are looked at
-RATE = 100.0
-#: s before a window that its weighting still feels, and at the start of a ride that nothing is learned from
-PAST, SETTLING = 4.0, 2.0
-#: parts of a batch, each on a device of its own where there are two: the same numbers on any machine
+RATE = 200.0
+#: s at the start of a validation ride that do not count
+SETTLING = 4.0
+#: parts of a batch, each in a thread of its own: the same numbers on any machine
 SHARES = 2
 #: trained as their logarithm
 POSITIVE = ("time_constants",)
@@ -57,7 +59,7 @@ class Rides(NamedTuple):
     track: SampledTrack
     seed: Float[np.ndarray, "lanes"]
 
-    def part(self, which: slice) -> "Rides":
+    def part(self, which: slice | Int[np.ndarray, "some"]) -> "Rides":
         """Some of the lanes."""
         return Batch.of(self).take(which)[0]
 
@@ -83,8 +85,9 @@ class Course(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Training:
-    """Result of `train`. Ratios are of the trained law to the one that it was, over all validation rides: `comfort` of the weighted r.m.s. acceleration,
-    `limited` of the r.m.s. of what has a limit."""
+    """Result of `train`. Ratios, dimensionless, are of the trained law to the one that it was, over all validation rides: `comfort` of the weighted r.m.s.
+    acceleration, `limited` of the r.m.s. of what has one of the `limits`, ratios too. `history` has a row a trial: the number of the episode, score,
+    comfort and what is limited, as ratios; `episodes` is the number done."""
 
     law: LearnedDamper
     comfort: float
@@ -112,12 +115,12 @@ def _tracks(key: str, value: Any) -> None:
 
 
 @guarded(
-    law=None, tracks=_tracks, validation=_tracks, scatter=None, limits=None, episodes=whole(0), windows=whole(2), window=positive("s"),
-    lanes=whole(2), learning_rate=positive(), patience=whole(1), every=whole(1), keep=None, progress=a_function,
+    law=None, tracks=_tracks, validation=_tracks, limits=None, episodes=whole(0), windows=whole(2), window=positive("s"),
+    lanes=whole(2), learning_rate=positive(), patience=whole(1), every=whole(1), keep=a_path, progress=a_function,
 )  # fmt: skip
 def train(
     vehicle: Vehicle,
-    law: LearnedDamper,
+    law: Any,
     *,
     tracks: Any,
     speeds: Sequence[float],
@@ -153,14 +156,14 @@ def train(
         validation: likewise tracks for early stopping, which are never trained on; by default realisations of the same names with other seeds.
         scatter: of the vehicle's parameters; None: the vehicle as it is.
         limits: largest ratio, dimensionless, of the r.m.s. of channels to those of the law as it was; by default {"secondary_travel": 1.0}.
-        episodes: most of them; 0 only evaluates.
-        windows: of an episode.
+        episodes: largest number of them; 0 hands the law on as it is.
+        windows: number of them in an episode.
         window: its length, s.
-        lanes: rides at once, an even number.
+        lanes: number of rides at once; even.
         dt: step of RK4, s.
         learning_rate: of Adam at the start, dimensionless; it falls to a tenth along half a cosine.
-        every: episodes between two trials on the validation rides.
-        patience: trials without a better one after which training ends.
+        every: number of episodes between two trials on the validation rides.
+        patience: number of trials without a better one after which training ends.
         seed: of everything that is drawn, a whole number.
         keep: a file (.npz) that is written after each trial, and from which a training that was stopped goes on.
         progress: called with a `Progress` after each episode.
@@ -169,6 +172,8 @@ def train(
         InputError: for a vehicle that hunts, tracks of unequal length, limits of channels that there are not, a file of another training.
         NumericalError: where a ride diverges.
     """
+    import optax
+
     require_double_precision("train")
     began = time.monotonic()
     fault = law.fault() if isinstance(law, LearnedDamper) else "it must be a railjax.LearnedDamper"
@@ -177,8 +182,13 @@ def train(
     if lanes % SHARES:
         raise InputError(f"lanes must be an even number, not {lanes}")
     limits = {"secondary_travel": 1.0} if limits is None else dict(limits)
-    vehicle, law = as_numbers((without_labels(vehicle), law))
-    teacher = _Teacher(vehicle, law, tracks, tuple(speeds), scatter, limits, windows, window, lanes, dt, seed)
+    for name in limits:
+        check_channel(name)
+    vehicle, law, track, range_ = prepared(vehicle, law, tracks, tuple(speeds))
+    teacher = Teacher(vehicle, law, track, range_, scatter, limits, windows, window, lanes, dt, seed)
+    if not episodes:
+        ratios = dict.fromkeys(limits, 1.0)
+        return Training(law, 1.0, ratios, limits, np.array([[0.0, 1.0, 1.0, *ratios.values()]]), 0, 0.0, "nothing done")
     trial = _Trial(vehicle, law, _others(tracks) if validation is None else validation, tuple(speeds), limits, dt)
     schedule = optax.cosine_decay_schedule(learning_rate, max(1, episodes * (windows - 1)), alpha=0.1)
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
@@ -194,6 +204,9 @@ def train(
             score, numbers = trial.score(with_weights(law, course.weights))
             better = score < course.best_score
             course = course._replace(
+                weights=course.weights
+                if np.isfinite(score)
+                else course.best,  # from a law with which it hunts nothing is learned
                 best=course.weights if better else course.best,
                 best_score=min(score, course.best_score),
                 stale=0 if better else course.stale + 1,
@@ -217,6 +230,21 @@ def train(
     )
 
 
+def prepared(
+    vehicle: Vehicle, law: LearnedDamper, tracks: Any, speeds: tuple[float, ...]
+) -> tuple[Vehicle, LearnedDamper, SampledTrack, tuple]:
+    """Vehicle and law as arrays, the tracks as lanes of one, and the speeds, m/s.
+
+    Args:
+        vehicle: a single vehicle.
+        law: what is trained.
+        tracks: names of spectra and tracks.
+        speeds: m/s.
+    """
+    vehicle, law = as_numbers((without_labels(vehicle), law))
+    return vehicle, law, together(tracks), tuple(float(speed) for speed in speeds)
+
+
 def weights_of(law: LearnedDamper) -> Weights:
     """What training changes, times as their logarithms."""
     found = {name: getattr(law, name) for name in LearnedDamper.TRAINED if getattr(law, name) is not None}
@@ -232,11 +260,13 @@ def _others(tracks: Any) -> Any:
     names = [tracks] if isinstance(tracks, str) else tracks
     if not all(isinstance(name, str) for name in names):
         raise InputError("validation: give tracks that are not trained on")
-    return [RandomTrack(name, seed=range(1000, 1004), length=LENGTH, fade=0.0) for name in names]
+    return [RandomTrack(name, seed=UNSEEN, length=LENGTH, fade=0.0) for name in names]
 
 
 #: m and number of realisations, of tracks that are given by a spectrum's name
 LENGTH, REALISATIONS = 2000.0, 24
+#: seeds of those of the validation rides
+UNSEEN = range(1000, 1004)
 
 
 def together(tracks: Any) -> SampledTrack:
@@ -267,32 +297,57 @@ def _picked(track: SampledTrack, which: np.ndarray, ahead: np.ndarray) -> Sample
     return picked
 
 
-def _mean_square(values: Float[Array, "samples *places lanes"]) -> Float[Array, "lanes"]:
-    return jnp.mean(values**2, axis=tuple(range(values.ndim - 1)))
+def filtered(
+    sections: Float[np.ndarray, "sections 6"], memory: Float[Array, "sections 2 *places"], record: Float[Array, "samples *places"]
+) -> tuple[Float[Array, "samples *places"], Float[Array, "sections 2 *places"]]:
+    """A record through second-order sections, and what they remember after it: as `scipy.signal.sosfilt`, differentiable and in one kernel with a run.
+
+    Args:
+        sections: as `weighting_filter` gives them, dimensionless.
+        memory: of what came before, in the record's unit, SI.
+        record: samples at the filter's rate, SI.
+    """
+
+    def one(memory: Any, value: Any) -> tuple[Any, Any]:
+        after = []
+        for (b0, b1, b2, _, a1, a2), (first, second) in zip(sections, memory, strict=True):
+            passed = b0 * value + first
+            after.append(jnp.stack([b1 * value - a1 * passed + second, b2 * value - a2 * passed]))
+            value = passed
+        return jnp.stack(after), value
+
+    memory, weighted = jax.lax.scan(one, jnp.asarray(memory), record)
+    return weighted, memory
+
+
+def _mean_square(values: Float[Array | np.ndarray, "samples *places lanes"]) -> Float[Array | np.ndarray, "lanes"]:
+    return (values**2).mean(axis=tuple(range(values.ndim - 1)))
 
 
 def _speed_of(speeds: tuple[float, ...], rng: np.random.Generator, count: int) -> np.ndarray:
     return rng.uniform(*speeds, count) if len(speeds) == 2 else rng.choice(speeds, count)
 
 
-class _Teacher:
+class Teacher:
     """Episodes: what is drawn, the ride of the law as it was, windows and steps."""
 
     def __init__(
-        self, vehicle: Vehicle, law: LearnedDamper, tracks: Any, speeds: tuple[float, ...], scatter: Scatter | None,
+        self, vehicle: Vehicle, law: LearnedDamper, track: SampledTrack, speeds: tuple[float, ...], scatter: Scatter | None,
         limits: dict[str, float], windows: int, window: float, lanes: int, dt: float, seed: int,
     ) -> None:  # fmt: skip
-        self.vehicle, self.law, self.track, self.speeds = vehicle, law, together(tracks), speeds
+        self.vehicle, self.law, self.track, self.speeds = vehicle, law, track, speeds
         self.limits, self.windows, self.window, self.lanes, self.dt, self.seed = limits, windows, window, lanes, dt, seed
         self.scatter = None if scatter is None else scatter.drawn()
         every = round(1.0 / RATE / dt)
         if every < 1 or abs(every * dt * RATE - 1.0) > 1e-6:
-            raise InputError(f"dt {dt:g} s: 10 ms must be a whole number of steps")
+            raise InputError(f"dt {dt:g} s: 5 ms must be a whole number of steps")
         self.plan = Plan(round(window * RATE), every, ("floor_acceleration", *limits), ())
         self.fingerprint = (
             f"{speeds} {limits} {windows} {window} {lanes} {dt} {seed} {np.sum(self.track.coefficients):.17g} {law.origin}"
         )
-        self.gradient = jit(jax.value_and_grad(self._loss, has_aux=True))
+        self.sections = weighting_filter("Wd", RATE)
+        self._compiled = False
+        self.gradient = jit(jax.value_and_grad(self.loss, has_aux=True))
 
     def rides(self, episode: int) -> Rides:
         """What the lanes of an episode ride."""
@@ -300,7 +355,7 @@ class _Teacher:
         count = self.lanes
         speed = _speed_of(self.speeds, rng, count)
         which = rng.integers(0, np.shape(self.track.coefficients)[1], count)
-        length = np.asarray(self.track.length)[which]
+        length = ((np.shape(self.track.coefficients)[0] - MARGIN) * np.asarray(self.track.spacing))[which]
         room = length if self.track.periodic else np.maximum(length - speed * self.windows * self.window, 0.0)
         track = _picked(self.track, which, rng.uniform(0.0, 1.0, count) * room)
         noise = rng.integers(0, 2**31 - 1, count).astype(float)
@@ -310,19 +365,26 @@ class _Teacher:
             vehicle = scattered(vehicle, paths, factors, samples[:, rng.integers(0, samples.shape[1], count)])
         return Rides(vehicle, speed, track, noise)
 
-    def _loss(
-        self, weights: Weights, rides: Rides, x: Any, past: Any, base: dict[str, Any], prices: dict[str, Any]
+    def loss(
+        self, weights: Weights, rides: Rides, x: Any, echo: Any, base: dict[str, Any], prices: dict[str, Any]
     ) -> tuple[Any, Any]:
         law = dataclasses.replace(with_weights(self.law, weights), seed=rides.seed)
         run = integrated(rides.vehicle, law, rides.speed, rides.track, x, self.dt, 0.0, self.plan)
-        record = jnp.concatenate([past, run.records["floor_acceleration"]])
-        weighted = weighted_acceleration(record, RATE, "Wd")[len(past) :]
+        weighted, echo = filtered(self.sections, echo, run.records["floor_acceleration"])
         ratios = {"comfort": _mean_square(weighted) / base["comfort"]}
         ratios |= {name: _mean_square(run.records[name]) / base[name] for name in self.limits}
         over = {name: jnp.mean(ratios[name]) - limit**2 for name, limit in self.limits.items()}
         # the augmented Lagrangian of inequalities
         felt = sum(jnp.maximum(prices[name] + STIFFNESS * by, 0.0) ** 2 / (2.0 * STIFFNESS) for name, by in over.items())
-        return jnp.mean(ratios["comfort"]) + felt, (run.final, record[-len(past) :], over)
+        return jnp.mean(ratios["comfort"]) + felt, (run.final, echo, over)
+
+    def start(self, lanes: int) -> Float[np.ndarray, "states lanes"]:
+        """Rest, of so many rides."""
+        return np.zeros((state_size(self.vehicle, self.law), lanes))
+
+    def silence(self, lanes: int) -> Float[np.ndarray, "sections 2 3 lanes"]:
+        """What the weighting remembers before a ride."""
+        return np.zeros((len(self.sections), 2, 3, lanes))
 
     def episode(self, course: Course, optimiser: Any) -> Course:
         """Where training stands after one more."""
@@ -331,9 +393,8 @@ class _Teacher:
         duration = self.windows * self.window
         base = measured(rides, self.law, duration, self.window, self.limits, self.dt)
         parts = [slice(k * self.lanes // SHARES, (k + 1) * self.lanes // SHARES) for k in range(SHARES)]
-        state = np.zeros((state_size(self.vehicle, self.law), self.lanes // SHARES))
-        past = np.zeros((round(PAST * RATE), 3, self.lanes // SHARES))
-        held = [(state, past)] * SHARES
+        state = self.start(self.lanes // SHARES)
+        held = [(state, self.silence(self.lanes // SHARES))] * SHARES
         for window in range(self.windows):
             here = rides.on(window * self.window)
 
@@ -341,7 +402,9 @@ class _Teacher:
                 (weights, here.part(part), *kept, {name: value[part] for name, value in base.items()}, prices)
                 for part, kept in zip(parts, held, strict=True)
             ]
-            found = in_threads(self._on_its_device, list(enumerate(given)))
+            # the first call compiles, which two threads would do twice
+            each = in_threads if self._compiled else lambda function, shares: [function(share) for share in shares]
+            found, self._compiled = each(self._of_share, given), True
             values = [value for (value, _), _ in found]
             if not np.all(np.isfinite(values)):
                 raise NumericalError("a ride in training diverged: its speed or scatter is beyond what this vehicle runs at")
@@ -350,19 +413,19 @@ class _Teacher:
                 continue
             slope = jax.tree.map(lambda *part: sum(part) / SHARES, *[gradient for _, gradient in found])
             change, memory = optimiser.update(slope, memory, weights)
-            weights = optax.apply_updates(weights, change)
+            weights = {name: weight + change[name] for name, weight in weights.items()}
             over = {name: sum(aux[2][name] for (_, aux), _ in found) / SHARES for name in prices}
             prices = {name: jnp.maximum(price + PRICING * over[name], 0.0) for name, price in prices.items()}
         return course._replace(weights=weights, memory=memory, prices=prices, episode=course.episode + 1)
 
-    def _on_its_device(self, share: tuple[int, tuple]) -> Any:
+    def _of_share(self, given: tuple) -> Any:
         """Value and gradient of one part of the batch."""
-        number, given = share
-        device = jax.local_devices()[number % len(jax.local_devices())]
-        return jax.device_get(self.gradient(*jax.device_put(given, device)))
+        return jax.device_get(self.gradient(*jax.tree.map(np.asarray, given)))
 
 
-def measured(rides: Rides, law: LearnedDamper, duration: float, settle: float, channels: Any, dt: float) -> dict[str, np.ndarray]:
+def measured(
+    rides: Rides, law: LearnedDamper, duration: float, settle: float, channels: Any, dt: float, hunts: bool = False
+) -> dict[str, np.ndarray]:
     """Mean squares of each ride's weighted acceleration and channels, after `settle`; NaN where it fails.
 
     Args:
@@ -372,6 +435,7 @@ def measured(rides: Rides, law: LearnedDamper, duration: float, settle: float, c
         settle: left out at the start, s.
         channels: names of what is looked at besides.
         dt: step of RK4, s.
+        hunts: whether the vehicle is let run on, on even track, and a ride whose motion does not die out there has failed.
     """
     run = simulate(
         rides.vehicle, rides.speed, track=rides.track, damper=dataclasses.replace(law, seed=rides.seed), duration=duration, dt=dt,
@@ -382,6 +446,8 @@ def measured(rides: Rides, law: LearnedDamper, duration: float, settle: float, c
     found = {"comfort": np.asarray(_mean_square(weighted))}
     found |= {name: np.asarray(_mean_square(np.asarray(run[name])[first:])) for name in channels}
     ok = np.asarray(run.ok)
+    if hunts:
+        ok = ok & ~hunting(rides.vehicle, dataclasses.replace(law, seed=rides.seed), rides.speed, run.final, dt)
     return {name: np.where(ok, value, np.nan) for name, value in found.items()}
 
 
@@ -401,11 +467,11 @@ class _Trial:
         if not all(np.all(np.isfinite(value)) for value in self.base.values()):
             worst = float(np.min(speed[~np.isfinite(self.base["comfort"])])) * KMH
             raise InputError(
-                f"speeds: at {worst:.0f} km/h the vehicle does not stay on its track with the law as it is; go slower"
+                f"speeds: at {worst:.0f} km/h the vehicle hunts with the law as it is (left alone, its motion does not die out); go slower"
             )
 
     def _measured(self, law: LearnedDamper) -> dict[str, np.ndarray]:
-        return measured(self.rides, law, 14.0, PAST, self.limits, self.dt)
+        return measured(self.rides, law, 14.0, SETTLING, self.limits, self.dt, hunts=True)
 
     def score(self, law: LearnedDamper) -> tuple[float, tuple[float, ...]]:
         """What is to be small, and the ratios of comfort and of what is limited, r.m.s. over all rides."""

@@ -1,6 +1,7 @@
 """Parameters declare unit, sign and choices once: every reader of them decides alike, and what is known by name is in one table a room."""
 
 import dataclasses
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +25,12 @@ from railjax.tuning.named import OBJECTIVES, make_objective
 
 COACH = railjax.load_vehicle("coach")
 NUMBERS = {path: entry for path, entry in parameters(COACH) if not entry.metadata.get("axes")}
-LAWS_BY_NAME = {name: make_damper(name, COACH, 60.0) for name in DAMPERS}
+
+
+@functools.cache
+def law_by_name(name):
+    """Made when it is asked for: every worker reads this file, and the regulator's design takes seconds."""
+    return make_damper(name, COACH, 60.0)
 
 
 def refuses(call) -> bool:
@@ -62,9 +68,9 @@ def test_a_negative_conicity_loads_and_is_tuned(tmp_path):
     np.testing.assert_allclose(space.position([-0.05]), [0.25])
 
 
-@pytest.mark.parametrize("name", LAWS_BY_NAME)
+@pytest.mark.parametrize("name", DAMPERS)
 def test_every_number_of_a_law_is_declared_and_checked(name):
-    damper = LAWS_BY_NAME[name]
+    damper = law_by_name(name)
     assert isinstance(damper, Law)
     check_damper(damper)
     for entry in dataclasses.fields(damper):
@@ -195,10 +201,10 @@ def test_answers_of_a_law_that_inherits_nothing():
         check_damper(Foreign(weights=np.full((3, 3), np.nan)))
 
 
-@pytest.mark.parametrize("name", LAWS_BY_NAME)
+@pytest.mark.parametrize("name", DAMPERS)
 def test_what_the_package_s_laws_answer(name):
     """Against what they are: controllers decide, and change what they hold; laws with two versions change between them and back."""
-    damper = LAWS_BY_NAME[name]
+    damper = law_by_name(name)
     assert damper.decides == (name.partition("-")[0] != "passive")
     assert damper.linear == (not damper.decides)
     assert damper.memoryless == (name in ("passive", "passive-soft", "passive-hard", "balance-logic"))

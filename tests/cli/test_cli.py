@@ -335,3 +335,44 @@ def test_every_damper_of_the_command_line_can_be_made(coach):
     for name in DAMPERS:
         made = make_damper(name, coach, 60.0, 0.5 if name in ("balance-logic", "hybrid") else None)
         assert isinstance(made, Damper)
+
+
+def test_train_writes_a_law_that_every_damper_option_takes(run, tmp_path):
+    """No episodes: the law as it begins."""
+    law, code = tmp_path / "law.npz", tmp_path / "law.c"
+    options = [
+        "--law",
+        "linear",
+        "--track",
+        "erri-low",
+        "--speed-kmh",
+        150,
+        "--speed-kmh",
+        200,
+        "--episodes",
+        0,
+        "--out",
+        law,
+        "--c",
+        code,
+        "--json",
+    ]
+    status, out, error = run("train", "coach", *options)
+    assert status == 0, error
+    found = json.loads(out)
+    assert found["comfort_ratio"] == 1.0
+    assert found["begun_as"] == "Skyhook"
+    assert "damper_law_reset" in code.read_text()
+    status, out, error = run("simulate", "coach", "--speed-kmh", 180, "--duration-s", 0.5, "--damper", law, "--json")
+    assert status == 0, error
+    for wrong, about in (
+        (["train", "coach", "--out", tmp_path / "law.txt"], ".npz"),
+        (["train", "coach", "--out", law, "--law", "lerned"], "--law"),
+        (["train", "coach", "--out", law, "--speed-kmh", 100], "--speed-kmh"),
+        (["simulate", "coach", "--speed-kmh", 180, "--damper", tmp_path / "none.npz"], "no law"),
+        (["simulate", "coach", "--speed-kmh", 180, "--damper", code.with_suffix(".npzz")], "--damper"),
+    ):
+        status, out, error = run(*wrong)
+        assert status == 2
+        assert about in error
+        assert error.count("\n") == 1

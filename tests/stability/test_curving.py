@@ -6,65 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from curve_reference import BASE, G, independent
 from derivatives import check
-from scipy.optimize import root
 
 import railjax
 from railjax.base.elimination import eliminated, inverse
+from railjax.model.contact.profile_table import with_profiles
 from railjax.model.kinematics import heights
-
-G, BASE = 9.81, 1.5
-
-
-def independent(vehicle, speed, radius, cant):
-    """Equilibrium of a vehicle of two bogies with two axles, body by body and spring by spring; the load grows, SciPy's hybrid method."""
-    p, s, g, c, w = vehicle.primary, vehicle.secondary, vehicle.geometry, vehicle.contact, vehicle.wheelset
-    l, a, e, dc, do = g.half_pivot_distance, g.half_wheelbase, g.half_gauge, g.half_secondary, g.half_primary
-
-    def forces(q, load):
-        kappa, lateral = load / radius, speed**2 * load / radius - G * load * cant / BASE
-        yc, pc, fc, yb, pb, fb = q[0], q[1], q[2], q[3:5], q[5:7], q[7:9]
-        y, psi = q[9:13].reshape(2, 2), q[13:].reshape(2, 2)
-        body, frame, wheels = np.zeros(3), np.zeros((2, 3)), np.zeros((2, 2, 2))
-        body[0] = -vehicle.carbody.mass * lateral
-        for j, x in enumerate((l, -l)):
-            frame[j, 0] -= vehicle.bogie.mass * lateral
-            # the car body seen from the bogie's place on the circle
-            across = yc + g.carbody_height * fc + x * pc - kappa * x**2 / 2 - (yb[j] - g.bogie_to_secondary * fb[j])
-            f = 2 * s.stiffness_y * across
-            body += [-f, -f * x, -f * g.carbody_height]
-            frame[j] += [f, 0.0, -f * g.bogie_to_secondary]
-            turn = 2 * s.stiffness_x * dc**2 * (pc - kappa * x - pb[j])
-            body[1] -= turn
-            frame[j, 1] += turn
-            roll = (2 * s.stiffness_z * dc**2 + s.anti_roll_stiffness) * (fc - fb[j])
-            body[2] -= roll
-            frame[j, 2] += roll - 4 * p.stiffness_z * do**2 * fb[j]
-            for i, z in enumerate((a, -a)):
-                f = 2 * p.stiffness_y * (yb[j] + z * pb[j] - kappa * z**2 / 2 + g.bogie_to_primary * fb[j] - y[j, i])
-                turn = 2 * p.stiffness_x * do**2 * (pb[j] - kappa * z - psi[j, i])
-                frame[j] += [-f, -f * z - turn, -f * g.bogie_to_primary]
-                xi_x, xi_y = e * kappa + c.conicity * y[j, i] / w.wheel_radius, -psi[j, i]
-                tx, ty = c.creep_longitudinal * xi_x, c.creep_lateral * xi_y
-                u = np.hypot(tx, ty) / (c.friction * c.wheel_load)
-                share = 1.0 if c.law == "linear" else 1 - u / 3 + u**2 / 27 if u < 3 else 1 / u
-                flange = c.flange_stiffness * np.sign(y[j, i]) * max(abs(y[j, i]) - c.flange_clearance, 0.0)
-                flange = 0.0 if c.law == "linear" else flange
-                spin = share * c.creep_lateral_spin * kappa
-                wheels[j, i] = (
-                    f - w.mass * lateral - 2 * share * ty - 2 * spin - flange,
-                    turn - 2 * e * share * tx + 2 * share * c.creep_lateral_spin * xi_y - 2 * share * c.creep_spin * kappa,
-                )
-        # newtons and metres; one unknown a body and direction, in the order of q
-        parts = [body, frame[:, 0], frame[:, 1], frame[:, 2], wheels[..., 0].ravel(), wheels[..., 1].ravel()]
-        return np.concatenate(parts) / 1e3
-
-    q = np.zeros(17)
-    for load in np.linspace(0.05, 1.0, 20):
-        found = root(lambda q, load=load: forces(q * 1e-3, load), q * 1e3, method="hybr", tol=1e-13, options={"maxfev": 20000})
-        q = found.x * 1e-3
-    assert np.max(np.abs(forces(q, 1.0))) < 1e-6  # mN
-    return q
 
 
 def test_a_free_wheelset_rolls_without_slip(coach):
@@ -214,3 +162,50 @@ def test_verb(run, tmp_path):
     code, _, error = run("curving", "coach", "--radius-m", 150, "--speed-kmh", 250)
     assert code == 1
     assert "no equilibrium" in error
+
+
+def test_profiles_guide_by_their_contact_angles(coach):
+    """S1002 on 60E1: the leading outer wheel is at its flange in R 300 m, in R 1500 m all run freely; ΣY carries all masses."""
+    vehicle = with_profiles(coach)
+    speed, radius = np.array([80.0, 80.0, 144.0]) / 3.6, np.array([300.0, 600.0, 1500.0])
+    found = railjax.curving(vehicle, speed, radius=radius, cant=0.1)
+    assert found.code.tolist() == [0, 0, 0]
+    mass = coach.carbody.mass + 2 * coach.bogie.mass + 4 * coach.wheelset.mass
+    np.testing.assert_allclose(np.sum(found.sum_y, axis=0), mass * (speed**2 / radius - G * 0.1 / BASE), rtol=1e-9)
+    quotient = found.y_over_q[0, 0]
+    assert 0.2 < quotient[0] < 0.45
+    assert quotient[1] < 0.2
+    assert quotient[2] < 0.05
+    assert found.wheelset_y[0, 0] < -6.2e-3 < found.wheelset_y[0, 1]
+    wear = np.asarray(found.wear_number)
+    assert wear[0] > 3 * wear[1] > 6 * wear[2]
+
+
+def test_critical_speed_in_a_curve(coach):
+    """With linear creep the curve changes nothing; else it is where the growth of the motion about the equilibrium is zero, with gradients."""
+    linear = railjax.curve_critical(railjax.replace(coach, contact__law="linear"), radius=3000.0, cant_deficiency=0.1)
+    np.testing.assert_allclose(linear.speed, railjax.linear_critical_speed(coach), rtol=1e-8)
+
+    def speed(stiffness, radius):
+        vehicle = railjax.replace(coach, primary__stiffness_x=stiffness * 1e6)
+        return railjax.curve_critical(vehicle, radius=radius * 1e3, cant_deficiency=0.1).speed
+
+    slopes = jax.grad(speed, argnums=(0, 1))(3.2, 2.0)
+    for k, at in enumerate(np.eye(2) * 1e-4):
+        above, below = (speed(3.2 + sign * at[0], 2.0 + sign * at[1]) for sign in (1, -1))
+        assert float(slopes[k]) == pytest.approx(float(above - below) / 2e-4, rel=2e-5)
+    # a run from the equilibrium, pushed a little, dies out below it and grows above
+    found = railjax.curve_critical(coach, radius=3000.0, cant_deficiency=0.1)
+    left = []
+    for share in (0.97, 1.03):
+        v = share * float(found.speed)
+        cant = BASE * v**2 / (G * 3000.0) - 0.1
+        steady = railjax.curving(coach, v, radius=3000.0, cant=cant)
+        layout = railjax.Layout([railjax.Segment.arc(1000.0, 3000.0, cant)])
+        start = np.asarray(steady.state).copy()
+        start[9] += 1e-5
+        run = railjax.simulate(coach, v, track=layout, initial=start, duration=4.0, record=("wheelset_y",))
+        away = np.max(np.abs(np.asarray(run["wheelset_y"]) - np.asarray(steady.wheelset_y)), axis=1)
+        left.append(np.max(away[-100:]) / np.max(away[50:150]))
+    assert left[0] < 0.5
+    assert left[1] > 2.0

@@ -25,7 +25,9 @@ def animate(
             "--limit-cycle", help="Show the stable limit cycle at this speed; with --damper, how that one takes over from there."
         ),
     ] = False,
-    damper: Annotated[str, typer.Option(help=f"Secondary lateral damper: {', '.join(DAMPERS)}.")] = "passive",
+    damper: Annotated[
+        str, typer.Option(help=f"Secondary lateral damper: {', '.join(DAMPERS)}; or the file of a law (.npz).")
+    ] = "passive",
     alpha: Annotated[float | None, typer.Option(help="Gain α of balance logic and hybrid damper.")] = None,
     displaced_mm: Annotated[
         float | None, typer.Option(help="Displacement of all wheelsets at the start in mm; 5 on even track, 0 on others.")

@@ -42,6 +42,12 @@ def simulate(
             autocompletion=complete_track,
         ),
     ] = None,
+    layout: Annotated[
+        Path | None,
+        typer.Option(
+            help="The line's layout, on which the track lies: a TOML file of segments, or samples; straight if not given."
+        ),
+    ] = None,
     track_seed: TrackSeed = None,
     columns: Columns = None,
     unit: Units = None,
@@ -59,6 +65,10 @@ def simulate(
 ) -> None:
     """Run a vehicle over a track with an irregularity.
 
+    With --layout the line is even unless an irregularity is given.
+
+    Example: railjax simulate coach --layout curve.toml --speed-kmh 90 --out curve.png
+
     Example: railjax simulate coach --speed-kmh 220 --amplitude-mm 10 --damper balance-logic --alpha 0.5 --out run.png
     """
     from ... import Result
@@ -71,6 +81,8 @@ def simulate(
     loaded = load(vehicle)
     how = track_file(track, columns, unit, chord_m, longest_m, shortest_m, bridge_m)
     line, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, bump_m, file=how)
+    if layout is not None:
+        line, assumed = _upon(layout, line, assumed, track, amplitude_mm, wavelength_m, bump_m)
     law = chosen_damper(damper, loaded, speed_kmh / KMH, alpha)
     channels = [name.strip() for name in record.split(",") if name.strip()]
     if not channels:
@@ -95,6 +107,19 @@ def simulate(
     forms[TABLE] = lambda out: _write_table(result, channels, out)
     forms[NETCDF] = lambda out: result.to_xarray().to_netcdf(out, engine="scipy")
     show(content, [str(result)], as_json, out, forms)
+
+
+def _upon(path: Path, line: Any, assumed: list[str], *irregularity: Any) -> tuple[Any, list[str]]:
+    """The layout of a file with the irregularity upon it, if one was asked for, and what it rests on."""
+    from ... import Layout
+
+    try:
+        found = Layout.load(path)
+    except InputError as error:
+        raise InputError(f"--layout: {error}") from None
+    if all(option is None for option in irregularity):
+        return found, [f"layout: {found}"]
+    return found.with_irregularity(line), [f"layout: {found}", *assumed]
 
 
 def _draw(result: Any, channels: list[str], rows: Any) -> None:

@@ -32,6 +32,9 @@ def tune(
     ] = "comfort",
     speed_kmh: Annotated[list[float] | None, typer.Option(help="Speed in km/h (may be repeated); 200 if not given.")] = None,
     track: TrackName = "erri-high",
+    radius_m: Annotated[
+        float, typer.Option(help="Radius of objectives in a curve, in m, at 100 mm of cant and of cant deficiency.")
+    ] = 500.0,
     constraint: Annotated[
         list[str] | None,
         typer.Option(
@@ -57,7 +60,7 @@ def tune(
     speeds = speed_kmh or [200.0]
     for speed in speeds:
         finite(speed_kmh=speed)
-    finite(positive=False, alpha=alpha)
+    finite(positive=False, alpha=alpha, radius_m=radius_m)
     check_out(out, *PICTURES)
     loaded = load(vehicle)
     from ... import tune as run
@@ -66,12 +69,12 @@ def tune(
     bounds = dict(_parameter(loaded, law, text) for text in parameter)
     if len(bounds) < len(parameter):
         raise InputError("--parameter: each may be given once")
-    wanted = [_constraint(text, speeds, track) for text in constraint or ()]
+    wanted = [_constraint(text, speeds, track, radius_m) for text in constraint or ()]
     with working(f"tuning {loaded.name}"):
         found = run(
             loaded,
             bounds,
-            _quantity("--objective", objective, speeds, track),
+            _quantity("--objective", objective, speeds, track, radius_m),
             wanted,
             damper=law,
             starts=starts,
@@ -123,23 +126,23 @@ def _parameter(vehicle: "Vehicle", damper: "Damper", text: str) -> tuple[str, tu
     return path, (low * factor, high * factor)
 
 
-def _quantity(option: str, name: str, speeds: list[float], track: str) -> "Quantity":
-    """A quantity by its name on the command line, at speeds in km/h."""
+def _quantity(option: str, name: str, speeds: list[float], track: str, radius: float) -> "Quantity":
+    """A quantity by its name on the command line, at speeds in km/h, or in a curve (m)."""
     from ...tuning.named import make_objective
 
     try:
-        return make_objective(name, [speed / KMH for speed in speeds], track)
+        return make_objective(name, [speed / KMH for speed in speeds], track, radius)
     except InputError as error:
         raise InputError(f"{option} {error}" if name not in OBJECTIVES else str(error)) from None
 
 
-def _constraint(text: str, speeds: list[float], track: str) -> "Constraint":
+def _constraint(text: str, speeds: list[float], track: str, radius: float) -> "Constraint":
     """ "critical-speed>=260" with its limit in SI."""
     parts = re.fullmatch(r"\s*([\w-]+)\s*(>=|<=)\s*(\S+)\s*", text)
     if parts is None:
         raise InputError(f'--constraint {text!r}: write name>=limit or name<=limit, like "critical-speed>=260"')
     name, sense, number = parts.groups()
-    quantity = _quantity("--constraint", name, speeds, track)
+    quantity = _quantity("--constraint", name, speeds, track, radius)
     try:
         limit = float(number) / quantity.factor
     except ValueError:

@@ -29,7 +29,7 @@ Estimator = ComplementaryFilter | KalmanFilter
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True)
 class Controller(SampledLoop):
-    """A law as hardware runs it: `Controller(wraps=Skyhook())`.
+    """A law as hardware runs it: `Controller(Skyhook())`.
 
     Every `sample_time` the `sensors` are read, the `estimator` makes travel, velocities and a `Seen` of the readings, the law `wraps` decides on
     these as it stands, and the `device` holds its command until the next sample. What the law asks for is clipped to what the device can do at
@@ -46,7 +46,7 @@ class Controller(SampledLoop):
         seed: of the sensors' noise, a whole number; an array gives each lane its own.
     """
 
-    wraps: Any = None
+    wraps: Any = dataclasses.field(default=None, kw_only=False)
     sensors: Sensors = dataclasses.field(default_factory=Sensors.typical)
     estimator: Any = dataclasses.field(default_factory=ComplementaryFilter)
 
@@ -84,7 +84,7 @@ class Controller(SampledLoop):
         Args:
             vehicle: what the law takes for its own.
             signals: readings, shape `(m, n, *lanes)`, each in its unit.
-            memory: of estimator and law, shape `(rows, n, *lanes)`, each in its unit.
+            memory: of estimator and law, shape `(rows, n, *lanes)`, SI.
             elapsed: time since the last sample, shape `(n, *lanes)`, s.
         """
         names, known = self.sensors.names, self.estimator.states
@@ -95,7 +95,7 @@ class Controller(SampledLoop):
         inner = answers(law).held(*local, memory[known:], guess.seen)
         demand, rate = law_of(law, guess.seen)(*local, inner)
         command = self.on.command(demand, guess.velocity)
-        estimated = self.estimator.told(estimated, self.on.force(command, guess.velocity))
+        estimated = self.estimator.told(estimated, self.on.delivered(command, guess.velocity))
         return command, jnp.concatenate([estimated, inner + elapsed * rate])
 
     @guarded(path=a_path)
@@ -108,7 +108,7 @@ class Controller(SampledLoop):
         law = self.wraps
         if law is None or (not isinstance(law, (ForceControlled, ValveControlled)) and self.device is None):
             return (
-                "a Controller wraps a law that commands a damper, as Controller(wraps=Skyhook()); of others give the device, whose "
+                "a Controller wraps a law that commands a damper, as Controller(Skyhook()); of others give the device, whose "
                 f"commands their force is then taken for; not {type(law).__name__}"
             )
         lacking = [name for name in self.estimator.needs if name not in self.sensors.names]

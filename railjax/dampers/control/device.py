@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base import smooth
+from ...base.arguments import guarded
+from ...base.checks import from_zero, whole
 from ...base.fields import matrix, optional, parameter, structure, table
 from ...base.typing import Number
 from ...model.damper import HARD, SOFT, Bogies
@@ -33,6 +35,7 @@ class Device:
     lag: Number = optional("s", "τ_a", "time constant of driver and coil; left out: none", positive=True, default=5e-3)
     slew: Number = optional("1/s", "", "fastest change of the command, in shares of its range; left out: any", positive=True)
     width: Number = parameter("m/s", "w", "rounding of the velocity by which a demand is divided", 0.0)
+    damping_rest: Number = parameter("N s/m", "c_0", "damping that is commanded where the velocity is well within that", 0.0)
 
     def fault(self) -> str | None:
         """What is wrong with its numbers together."""
@@ -53,18 +56,31 @@ class Device:
         """What is commanded for a force `demand` (N per pair) at a velocity that is known (m/s), both (n, *lanes)."""
         if self.kind == "force":
             return demand if self.force_limit is None else jnp.clip(demand, -2.0 * self.force_limit, 2.0 * self.force_limit)
-        damping = 0.5 * demand * velocity / (velocity**2 + self.width**2 + smooth.TINY)
+        rounding = self.width**2
+        damping = (0.5 * demand * velocity + self.damping_rest * rounding) / (velocity**2 + rounding + smooth.TINY)
         return jnp.clip((damping - self.damping_min) / (self.damping_max - self.damping_min), 0.0, 1.0)
 
     def slewed(self, wanted: Bogies, before: Bogies, elapsed: Bogies) -> Bogies:
-        """The command `elapsed` s after it was `before`."""
+        """The command, as fast as it may change.
+
+        Args:
+            wanted: the command that is wanted, shape `(n, *lanes)`, dimensionless or N.
+            before: what it was, likewise, dimensionless or N.
+            elapsed: time since then, s.
+        """
         if self.slew is None:
             return wanted
         most = self.slew * elapsed * (1.0 if self.kind == "valve" else 2.0 * self.force_limit)
         return before + jnp.clip(wanted - before, -most, most)
 
-    def force(self, command: Bogies, velocity: Bogies, direction: Bogies | None = None) -> Bogies:
-        """Force of a bogie's pair, (n, *lanes), N; `direction` is the velocity's sign where it is held."""
+    def delivered(self, command: Bogies, velocity: Bogies, direction: Bogies | None = None) -> Bogies:
+        """Force of a bogie's pair, (n, *lanes), N.
+
+        Args:
+            command: g, dimensionless, or D, N, shape `(n, *lanes)`.
+            velocity: Δy_c', shape `(n, *lanes)`, m/s.
+            direction: the velocity's sign where it is held over a step, dimensionless; None: that of the velocity.
+        """
         if self.kind == "valve":
             force = 2.0 * (self.damping_min + (self.damping_max - self.damping_min) * command) * velocity
             return force if self.force_limit is None else jnp.clip(force, -2.0 * self.force_limit, 2.0 * self.force_limit)
@@ -87,8 +103,15 @@ class Faults:
     frozen: Number = matrix("1", "", "sensors frozen at their last reading, per sensor and bogie")
 
     @classmethod
+    @guarded(sensors=whole(1), bogies=whole(1), time=from_zero("s"))
     def none(cls, sensors: int, bogies: int, time: float = 0.0) -> "Faults":
-        """Of that many kinds of sensors and bogies, all sound; `time` in s."""
+        """Nothing has failed: what to begin from.
+
+        Args:
+            sensors: number of kinds of sensors.
+            bogies: number of bogies.
+            time: from which on what is changed in it has failed, s.
+        """
         return cls(time=time, current=np.zeros(bogies), dead=np.zeros(bogies), frozen=np.zeros((sensors, bogies)))
 
 

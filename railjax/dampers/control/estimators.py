@@ -49,7 +49,14 @@ class ComplementaryFilter:
     whole: ClassVar[bool] = False
 
     def advanced(self, names: tuple[str, ...], signals: Signals, memory: Rows, elapsed: Bogies) -> Rows:
-        """d̂, v̂, v̂_c and ā_c, (4, n, *lanes), after a sample `elapsed` s after the last."""
+        """d̂, v̂, v̂_c and ā_c, (4, n, *lanes), after a sample.
+
+        Args:
+            names: of the sensors, in the order of their signals.
+            signals: readings, shape `(m, n, *lanes)`, SI.
+            memory: what this gave at the last sample, shape `(4, n, *lanes)`, SI.
+            elapsed: time since then, shape `(n, *lanes)`, s.
+        """
         above, below, travel = (signals[names.index(name)] for name in self.needs)
         d, v, body, mean = memory
         fast, slow, error = 2.0 * jnp.pi * self.crossover, 2.0 * jnp.pi * self.drift, travel - memory[0]
@@ -65,17 +72,23 @@ class ComplementaryFilter:
         )
 
     def told(self, memory: Rows, force: Bogies) -> Rows:
-        """What is remembered of the force that is commanded: nothing."""
+        """The `memory`, SI, as it is: the `force` that will act, N, is of no use to it."""
         return memory
 
     def features(self, names: tuple[str, ...], signals: Signals, memory: Rows) -> Rows:
-        """d̂, v̂, v̂_c, a_c - ā_c and a_b, (5, n, *lanes)."""
+        """d̂, v̂, v̂_c, a_c - ā_c and a_b, (5, n, *lanes), in m, m/s and m/s^2.
+
+        Args:
+            names: of the sensors, in the order of their signals.
+            signals: readings, shape `(m, n, *lanes)`, SI.
+            memory: after them, shape `(4, n, *lanes)`, SI.
+        """
         d, v, body, mean = memory
         above, below = (signals[names.index(name)] for name in self.needs[:2])
         return jnp.stack([d, v, body, above - mean, below])
 
     def estimate(self, vehicle: Vehicle, features: Rows) -> Estimate:
-        """The damper's motion as it is estimated, and a car body whose lateral and yaw rates give v̂_c above each bogie (best, of more than two)."""
+        """The damper's motion by its `features`, SI, and a car body whose lateral and yaw rates give v̂_c above each bogie (best, of more than two)."""
         travel, velocity, body = features[:3]
         shapes, lanes = layout(vehicle), travel.shape[1:]
         still: Groups = {name: jnp.zeros(shape + lanes, travel.dtype) for name, shape in shapes.items()}

@@ -79,7 +79,7 @@ UNITS = """    float units[HIDDEN];
     }
 """
 UNITS_SUM = "        for (int h = 0; h < HIDDEN; ++h) wanted += (double)hidden_demand[j][h] * units[h];\n"
-VALVE = """        wanted = 0.5 * wanted * velocity[j] / (velocity[j] * velocity[j] + {width_square});
+VALVE = """        wanted = (0.5 * wanted * velocity[j] + {at_rest}) / (velocity[j] * velocity[j] + {width_square});
         wanted = (wanted - {least}) * {per_span};
         wanted = wanted < 0.0 ? 0.0 : wanted > 1.0 ? 1.0 : wanted;"""
 FORCE = "        wanted = wanted < -{limit} ? -{limit} : wanted > {limit} ? {limit} : wanted;"
@@ -133,7 +133,12 @@ def _command(device: Any, step: float) -> str:
     """From the demanded force to the command."""
     if device.kind == "valve":
         least, span = float(device.damping_min), float(device.damping_max) - float(device.damping_min)
-        text = VALVE.format(width_square=repr(float(device.width) ** 2), least=repr(least), per_span=repr(1.0 / span))
+        text = VALVE.format(
+            at_rest=repr(float(device.damping_rest) * float(device.width) ** 2),
+            width_square=repr(float(device.width) ** 2),
+            least=repr(least),
+            per_span=repr(1.0 / span),
+        )
     elif device.force_limit is None:
         text = ""
     else:

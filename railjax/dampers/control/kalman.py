@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.arguments import guarded
-from ...base.checks import from_zero, positive
+from ...base.checks import Kind, from_zero, positive
 from ...base.errors import InputError
 from ...base.fields import matrix
 from ...base.precision import require_double_precision
@@ -51,9 +51,8 @@ class KalmanFilter:
 
     @classmethod
     @guarded(
-        vehicle=None,
         speed=positive("m/s"),
-        sensors=None,
+        sensors=Kind(Sensors, "railjax.Sensors"),
         sample_time=positive("s"),
         roughness=positive("m"),
         disturbance=from_zero(),
@@ -139,7 +138,14 @@ class KalmanFilter:
         return rows.reshape((-1, *rows.shape[2:]))[: jnp.shape(self.transition)[0]]
 
     def advanced(self, names: tuple[str, ...], signals: Signals, memory: Rows, elapsed: Bogies) -> Rows:
-        """x̂ with this sample's readings, and the force as it came; as it was where nothing has elapsed."""
+        """x̂ with this sample's readings, and the force as it came.
+
+        Args:
+            names: of the sensors, in the order of their signals.
+            signals: readings, shape `(m, n, *lanes)`, SI.
+            memory: what this gave at the last sample, shape `(rows, n, *lanes)`, SI.
+            elapsed: time since then, s; a filter is made for one sample time.
+        """
         x, force, readings = self._joined(memory[:-1]), memory[-1], signals.reshape((-1, *signals.shape[2:]))
         x = product(self.transition, x) + product(self.drive, force) + product(self.gain, readings)
         room = self._spread * force.shape[0] - x.shape[0]
@@ -147,15 +153,21 @@ class KalmanFilter:
         return jnp.concatenate([x.reshape((self._spread, *force.shape)), force[None]])
 
     def told(self, memory: Rows, force: Bogies) -> Rows:
-        """The forces that will act until the next sample."""
+        """The `memory`, SI, with the `force` that will act until the next sample, N."""
         return jnp.concatenate([memory[:-1], force[None]])
 
     def features(self, names: tuple[str, ...], signals: Signals, memory: Rows) -> Rows:
-        """x̂, spread over the bogies."""
+        """x̂, spread over the bogies, SI.
+
+        Args:
+            names: of the sensors.
+            signals: readings, shape `(m, n, *lanes)`, SI.
+            memory: after them, shape `(rows, n, *lanes)`, SI.
+        """
         return memory[:-1]
 
     def estimate(self, vehicle: Vehicle, features: Rows) -> Estimate:
-        """Travel, velocity and all coordinates, rates and yaw dampers as they are estimated."""
+        """Travel, velocity and all coordinates, rates and yaw dampers by the `features`, which are x̂, SI."""
         x, n = self._joined(features), features.shape[1]
         count, elastic = size(vehicle), yaw_damper_states(vehicle)
         q, rates = split(vehicle, x[:count]), split(vehicle, x[count : 2 * count])

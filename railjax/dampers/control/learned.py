@@ -75,7 +75,7 @@ class LearnedDamper(SampledLoop):
     @guarded(controller=None, hidden=whole(0), time_constants=None)
     def of(
         cls,
-        controller: Controller,
+        controller: Any,
         vehicle: Vehicle,
         *,
         hidden: int = 16,
@@ -88,7 +88,7 @@ class LearnedDamper(SampledLoop):
             controller: with a law whose demand is linear in what it knows: continuous skyhook, clipped LQR, balance logic (|D| sgn v where it resists is
                 the clipped D); its sensors, estimator and device are taken over.
             vehicle: a single vehicle, from which the law takes its gains.
-            hidden: units of the network; 0 leaves it out.
+            hidden: number of units of the network; 0 leaves it out.
             time_constants: τ_k, s; each adds a memory of all features.
             seed: of the network's first weights, a whole number.
 
@@ -101,7 +101,9 @@ class LearnedDamper(SampledLoop):
         vehicle, n = without_labels(vehicle), len(vehicle.geometry.bogie_pattern)
         names = controller.estimator.names
         scale = np.repeat([USUALLY.get(name, 1.0) for name in names], n)
-        device = dataclasses.replace(controller.on, width=max(float(controller.on.width), WIDTH))
+        # at rest the vehicle's own damping, or its hunting from small motions would be that of an open valve
+        rest = float(vehicle.secondary.damping_y)
+        device = dataclasses.replace(controller.on, width=max(float(controller.on.width), WIDTH), damping_rest=rest)
         demand = np.full(n, 1e4)
 
         def wanted(features: Float[Array, "features"]) -> Float[Array, "n"]:
@@ -148,7 +150,7 @@ class LearnedDamper(SampledLoop):
         Args:
             vehicle: gives the places of the bogies.
             signals: readings, shape `(m, n, *lanes)`, each in its unit.
-            memory: of estimator and features, shape `(rows, n, *lanes)`, each in its unit.
+            memory: of estimator and features, shape `(rows, n, *lanes)`, SI.
             elapsed: time since the last sample, shape `(n, *lanes)`, s.
         """
         names, known = self.sensors.names, self.estimator.states
@@ -157,14 +159,14 @@ class LearnedDamper(SampledLoop):
         velocity = self.estimator.estimate(vehicle, features).velocity
         inputs, remembered = self.inputs(features, memory[known:], elapsed)
         command = self.on.command(self.demanded(inputs), velocity)
-        estimated = self.estimator.told(estimated, self.on.force(command, velocity))
+        estimated = self.estimator.told(estimated, self.on.delivered(command, velocity))
         return command, jnp.concatenate([estimated, remembered])
 
     def inputs(self, features: Rows, remembered: Rows, elapsed: Bogies) -> tuple[Rows, Rows]:
         """[f, z] of all bogies, (inputs, *lanes), and z as it is remembered, rows per bogie.
 
         Args:
-            features: of the estimator, shape `(features, n, *lanes)`, each in its unit.
+            features: of the estimator, shape `(features, n, *lanes)`, SI.
             remembered: z before, shape `(features times memories, n, *lanes)`, dimensionless.
             elapsed: time since the last sample, shape `(n, *lanes)`, s.
         """
@@ -178,7 +180,7 @@ class LearnedDamper(SampledLoop):
         return everything.reshape((-1, *f.shape[2:])), z.reshape((-1, *f.shape[1:]))
 
     def demanded(self, inputs: Rows) -> Bogies:
-        """D of each bogie's pair, (n, *lanes), N, of [f, z]."""
+        """D of each bogie's pair, (n, *lanes), N, of the `inputs` [f, z], dimensionless."""
         wanted = product(self.linear_gain, inputs)
         if self.hidden_gain is not None:
             wanted = wanted + product(self.hidden_demand, jnp.tanh(product(self.hidden_gain, inputs)))

@@ -103,7 +103,7 @@ class SampledLoop(Law):
             acting = own["actuator"]
             rates["actuator"] = (own["command"] - acting) / self.on.lag
         direction = own["direction"][0] if self.on.held else None
-        force = self.on.force(acting[0], velocity, direction)
+        force = self.on.delivered(acting[0], velocity, direction)
         if self.faults is not None:
             force = force * (1.0 - padded(self.faults.dead, force) * failed(self.faults, self._now(own)))
         return force, jnp.concatenate([rates[name] for name in own])

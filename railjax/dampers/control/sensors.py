@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float, UInt
 
 from ...base.arguments import guarded
-from ...base.checks import Range, from_zero, positive
+from ...base.checks import from_zero, positive, whole
 from ...base.errors import InputError, closest
 from ...base.fields import parameter, structure, table
 from ...base.typing import Number, Scalar
@@ -61,7 +61,7 @@ GRAVITY = 9.81  # m/s^2
 class Sensors:
     """Sensors at each bogie, one of each of `names`; made by `Sensors.typical` or `Sensors.ideal`.
 
-    Tables hold one number a sensor, in its own unit; a lane of a batch may have its own.
+    Tables hold one number a sensor, in SI; a lane of a batch may have its own. `delays` are numbers of samples until the controller has a reading.
     """
 
     names: tuple[str, ...] = structure(USUAL, "kinds of sensors")
@@ -73,8 +73,16 @@ class Sensors:
     gravity: Number = parameter("m/s^2", "g", "what accelerometers feel of a roll angle; 0 on a levelled platform", GRAVITY)
 
     @classmethod
+    @guarded(names=None, delay=whole(0))
     def typical(cls, *names: str, delay: int = 1) -> "Sensors":
-        """As data sheets have them, each reading `delay` samples late; without names accelerometers on both bodies and the damper's travel."""
+        """As data sheets have them.
+
+        Args:
+            *names: kinds of sensors; none: accelerometers on both bodies and the damper's travel.
+            delay: number of samples until the controller has a reading.
+
+        Raises `InputError` for kinds that there are not.
+        """
         names = _known(names or USUAL)
         return cls(
             names=names,
@@ -86,9 +94,14 @@ class Sensors:
         )
 
     @classmethod
-    @guarded(bandwidth=positive("Hz"))
+    @guarded(names=None, bandwidth=positive("Hz"))
     def ideal(cls, *names: str, bandwidth: float = 400.0) -> "Sensors":
-        """Without noise, bias, quantisation, delay and roll, of a bandwidth (Hz) that RK4 at 1 ms just holds."""
+        """Without noise, bias, quantisation, delay and roll.
+
+        Args:
+            *names: kinds of sensors; none: as `typical`.
+            bandwidth: of each, Hz; by default one that RK4 at 1 ms just holds.
+        """
         names = _known(names or USUAL)
         none = np.zeros(len(names))
         return cls(
@@ -141,7 +154,13 @@ class Sensors:
         return jnp.where(accelerometer, rate, filtered), jnp.where(accelerometer, rate - self.gravity * tilt, rate)
 
     def converted(self, reading: Signals, seed: Scalar, count: Bogies) -> Signals:
-        """What the converters give of z at the sample of number `count` (n, *lanes); the derivative passes them by."""
+        """What the converters give of z; the derivative passes them by.
+
+        Args:
+            reading: z, shape `(m, n, *lanes)`, SI.
+            seed: of the noise, a whole number.
+            count: number of the sample, shape `(n, *lanes)`, dimensionless.
+        """
         noisy = reading + column(self.bias, reading) + column(self.noise, reading) * noise_of(seed, count, reading)
         quantum = column(self.quantum, reading)
         step = jnp.where(quantum > 0.0, quantum, 1.0)
@@ -203,7 +222,3 @@ def _mixed(bits: UInt[Array, "..."]) -> UInt[Array, "..."]:
     bits = (bits ^ (bits >> jnp.uint32(16))) * jnp.uint32(0x7FEB352D)
     bits = (bits ^ (bits >> jnp.uint32(15))) * jnp.uint32(0x846CA68B)
     return bits ^ (bits >> jnp.uint32(16))
-
-
-#: for guarded arguments elsewhere
-A_DELAY = Range("samples", 0, whole=True)

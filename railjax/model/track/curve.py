@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...base.typing import Scalar
+from ...base.fields import parameter, table
+from ...base.typing import Number, Scalar
 from ..kinematics import Groups, bogie_positions, deflections, wheelset_positions
 from ..vehicle import Vehicle
 
@@ -48,6 +49,21 @@ def _with_line(vehicle: Vehicle, deflection: Groups, line: Groups, like: Float[A
     return {name: value if name.startswith("contact") else value + of_line[name] for name, value in deflection.items()}
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class BalancedArc:
+    """An arc whose cant follows the speed, so that what is left of the lateral acceleration stays; with the state of steady running in it,
+    which then is the same at all speeds."""
+
+    curvature: Number = parameter("1/m", "kappa", "curvature, to the right", signed=True)
+    sideways: Number = parameter("m/s^2", "", "v² kappa - g theta", signed=True)
+    state: Number = table("1", "x", "state of steady running, SI", signed=True)
+
+    def curve(self, vehicle: Vehicle, like: Float[Array, "n m *lanes"]) -> Curve:
+        """The line under the vehicle, with the shapes of `like`."""
+        return _arc(vehicle, self.curvature, self.sideways, like)
+
+
 def arc(vehicle: Vehicle, speed: Scalar, curvature: Scalar, cant_angle: Scalar, like: Float[Array, "n m *lanes"]) -> Curve:
     """An arc of constant curvature and cant: a body at the distance x ahead of the car body's centre finds the line turned by kappa x
     and aside by kappa x²/2.
@@ -62,6 +78,10 @@ def arc(vehicle: Vehicle, speed: Scalar, curvature: Scalar, cant_angle: Scalar, 
     Returns:
         The curve, with the shapes of `like`; `speed`, `curvature` and `cant_angle` are numbers, or have its lanes.
     """
+    return _arc(vehicle, curvature, speed**2 * curvature - GRAVITY * cant_angle, like)
+
+
+def _arc(vehicle: Vehicle, curvature: Scalar, sideways: Scalar, like: Float[Array, "n m *lanes"]) -> Curve:
     bogies, wheelsets = bogie_positions(vehicle, like), wheelset_positions(vehicle, like)
     place = {
         "bogie_y": 0.5 * curvature * bogies**2,
@@ -71,6 +91,5 @@ def arc(vehicle: Vehicle, speed: Scalar, curvature: Scalar, cant_angle: Scalar, 
     }
     shapes = {"carbody": like.shape[2:], "bogie": (like.shape[0], *like.shape[2:]), "wheelset": like.shape}
     place = {name: jnp.broadcast_to(value, shapes[name.split("_")[0]]) for name, value in place.items()}
-    sideways = speed**2 * curvature - GRAVITY * cant_angle
     acceleration = {f"{body}_y": jnp.broadcast_to(sideways, shape).astype(like.dtype) for body, shape in shapes.items()}
     return Curve(jnp.broadcast_to(curvature, like.shape).astype(like.dtype), place, acceleration)

@@ -35,7 +35,7 @@ class RunningRecord:
     guiding_force: Any = None  # N
     bogie_acceleration: Any = None  # m/s^2
     carbody_acceleration: Any = None  # m/s^2
-    derailment_quotient: Any = None  # Y/Q
+    derailment_quotient: Any = None  # Y/Q, dimensionless
     ok: Any = True  # per lane: a number or bool, False leaves it out
     name: str = ""
 

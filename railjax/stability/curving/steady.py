@@ -1,6 +1,7 @@
 """`curving`: the steady motion of a vehicle, or of many, in arcs of constant curvature and cant."""
 
 import functools
+import math
 from typing import Any
 
 import jax
@@ -29,7 +30,7 @@ from .wheels import in_a_row, wheel_forces
 #: lanes that go from step to step together
 TOGETHER = 64
 
-_CANT = Range("m", -0.4, 0.4, axes=1, why="; is it in millimetres?")
+A_CANT = Range("m", -0.4, 0.4, axes=1, why="; is it in millimetres?")
 
 
 def a_radius(key: str, value: Any) -> None:
@@ -39,7 +40,7 @@ def a_radius(key: str, value: Any) -> None:
         raise InputError(f"{key} must be a radius in m, of 1 m at least; infinite is straight track")
 
 
-@guarded(radius=a_radius, cant=_CANT)
+@guarded(radius=a_radius, cant=A_CANT)
 def curving(vehicle: Vehicle, speed: Scalar, *, radius: Scalar, cant: Scalar = 0.0, damper: Damper = PASSIVE) -> SteadyCurving:
     """Steady motion in an arc: the equilibrium f(x; kappa, theta) = 0 of the equations of motion in the frames of the line.
 
@@ -150,8 +151,12 @@ def _compiled(trees: tuple) -> tuple[dict[str, Array], Array]:
 
 # at the full level it takes as long to compile and twice as long to run
 @functools.partial(jax.jit, static_argnames="form", compiler_options=QUICK)
-def _chunk(form: Form, numbers: Array, first: Array, last: Array) -> tuple[dict[str, Array], Array]:
-    return _searched(first, last, *form.tree(numbers))
+def _chunk(form: Form, numbers: Array, tables: list, first: Array, last: Array) -> tuple[dict[str, Array], Array]:
+    """`form` is that of the numbers, with an entry without shape for each table."""
+    count, beside = [math.prod(shape) for shape in form.shapes if shape is not None], iter(tables)
+    pieces = iter(jnp.split(numbers, np.cumsum(count)[:-1]))
+    leaves = [next(beside) if shape is None else next(pieces).reshape((*shape, -1)) for shape in form.shapes]
+    return _searched(first, last, *form.structure.unflatten(leaves))
 
 
 def _on_host(lanes: int | None, trees: tuple) -> tuple[dict[str, Array], Array]:
@@ -167,18 +172,35 @@ def _on_host(lanes: int | None, trees: tuple) -> tuple[dict[str, Array], Array]:
     return jax.device_put(found if lanes is not None else jax.tree.map(lambda leaf: leaf[..., 0], found))
 
 
+def equilibria(vehicle: Vehicle, damper: Damper, speed: Any, radius: Any, cant: Any) -> dict[str, Any]:
+    """What is said of known lanes, of which the speed has an axis, as NumPy's arrays.
+
+    Args:
+        vehicle: what runs.
+        damper: what takes the place of rho_cy.
+        speed: v, m/s, one per lane.
+        radius: R, m, to the right.
+        cant: of the outer rail, m.
+    """
+    trees = as_numbers((vehicle, damper, speed, radius, cant))
+    return jax.tree.map(np.asarray, _on_host(len(speed), trees)[0])
+
+
 def _of_lanes(batch: Batch, index: Int[np.ndarray, "lanes"], first: int, last: int) -> tuple[dict[str, Any], Any]:
-    own, leaves = jax.tree.leaves(batch.axes), jax.tree.leaves(batch.trees)
-    form = Form(jax.tree.structure(batch.trees), tuple(np.shape(leaf)[:axes] for leaf, axes in zip(leaves, own, strict=True)))
+    leaves = [(np.asarray(leaf), own) for leaf, own in zip(*map(jax.tree.leaves, (batch.trees, batch.axes)), strict=True)]
+    # a table that lanes share stays one
+    shapes = tuple(leaf.shape[:own] if leaf.ndim > own or own < 2 else None for leaf, own in leaves)
+    form = Form(jax.tree.structure(batch.trees), shapes)  # type: ignore[arg-type]
+    tables = [leaf for (leaf, _), shape in zip(leaves, shapes, strict=True) if shape is None]
 
     def piece(start: int) -> tuple[dict[str, Any], Any]:
         here = index[np.minimum(np.arange(start, start + TOGETHER), len(index) - 1)]
         numbers = [
-            np.broadcast_to((leaf[..., here] if np.ndim(leaf) > axes else leaf[..., None]), (*np.shape(leaf)[:axes], TOGETHER))
-            for leaf, axes in zip(map(np.asarray, leaves), own, strict=True)
+            np.broadcast_to(leaf[..., here] if leaf.ndim > own else leaf[..., None], (*shape, TOGETHER)).reshape((-1, TOGETHER))
+            for (leaf, own), shape in zip(leaves, shapes, strict=True)
+            if shape is not None
         ]
-        packed = np.concatenate([part.reshape((-1, TOGETHER)) for part in numbers])
-        return jax.tree.map(np.asarray, _chunk(form, packed, np.asarray(first), np.asarray(last)))
+        return jax.tree.map(np.asarray, _chunk(form, np.concatenate(numbers), tables, np.asarray(first), np.asarray(last)))
 
     found = in_threads(piece, range(0, len(index), TOGETHER))
     return jax.tree.map(lambda *parts: np.concatenate(parts, axis=-1)[..., : len(index)], *found)

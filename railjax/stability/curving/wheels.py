@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...model.contact.creep import creep_forces
+from ...model.contact.profile_contact import wheel_loads
 from ...model.motion import Motion, suspension_forces
 
 Wheelsets = Float[Array, "wheelsets *lanes"]
@@ -29,32 +30,47 @@ class WheelForces(NamedTuple):
 def wheel_forces(instant: Motion) -> WheelForces:
     """Of each wheel at an instant of steady running.
 
-    The flange's force is that of the wheel whose flange it is, all other lateral forces are shared alike. The wheels' loads change with
-    the moment that the primary springs pass on and that of the lateral forces at the height of the axle, r_0:
-    dQ = (M_phi/m + r_0 ΣY)/(2 e) to the left. T gamma = T_x xi_x + T_y xi_y, without the spin's moment.
+    The wheels' loads change with the roll moment M that the suspension passes on and that of the lateral forces at the height of the axle,
+    r_0: dQ = (M + r_0 ΣY)/(2 e) to the left. T gamma = T_x xi_x + T_y xi_y, without the spin's moment.
+
+    Without profiles the flange's force is that of the wheel whose flange it is, and all other lateral forces are shared alike. With them each
+    contact plane, inclined by delta, gives Y = T_y/cos delta ± Q tan delta; what the rails' own stiffness adds is the leaning wheel's.
     """
     vehicle, contact, creepage = instant.vehicle, instant.contact, instant.creepage
-    flange = contact.flange
-    shared = -0.5 * (contact.lateral - flange)
-    guiding = _wheels(shared - jnp.minimum(flange, 0.0), shared - jnp.maximum(flange, 0.0))
-    along, across = creep_forces(vehicle, creepage, contact.saturation)
-    wear = along * creepage.longitudinal + across * creepage.lateral
-    transfer = vehicle.wheelset.wheel_radius * -contact.lateral
-    if "primary_z" in instant.deflection:
-        springs = suspension_forces(vehicle, instant.deflection, instant.deflection_rate)["primary_z"]
-        transfer = transfer + (vehicle.geometry.half_primary * springs / contact.lateral.shape[1])[:, None]
-    transfer = transfer / (2.0 * vehicle.geometry.half_gauge)
-    load = _wheels(vehicle.contact.wheel_load + transfer, vehicle.contact.wheel_load - transfer)
-    outwards = guiding * jnp.array([1.0, -1.0], guiding.dtype).reshape((2,) + (1,) * (guiding.ndim - 2))
+    if instant.wheels is None:
+        along, across = (jnp.stack([part, part]) for part in creep_forces(vehicle, creepage, contact.saturation))
+        slip, rolled = jnp.stack([creepage.lateral, creepage.lateral]), _rolled(instant)
+    else:
+        along, across = instant.wheels.longitudinal_force, instant.wheels.lateral_force
+        slip, rolled = instant.wheels.lateral, instant.wheels.rolled
+    load = wheel_loads(vehicle, contact.lateral, rolled)
+    signs = jnp.array([1.0, -1.0], load.dtype).reshape((2,) + (1,) * (load.ndim - 1))
+    if instant.wheels is None:
+        guiding = -0.5 * (contact.lateral - contact.flange) - signs * jnp.maximum(signs * contact.flange, 0.0)
+    else:
+        tangent = instant.wheels.tangent
+        guiding = -across * jnp.sqrt(1.0 + tangent**2) - signs * load * tangent
+        rest = -contact.lateral - jnp.sum(guiding, axis=0)
+        guiding = guiding + jnp.where(signs * contact.flange > 0.0, rest, 0.0)
     # a wheel that has lifted guides nothing
-    quotient = outwards / jnp.where(load > 0.0, load, jnp.inf)
-    return WheelForces(guiding, load, _wheels(-along, along), _wheels(-across, -across), _wheels(wear, wear), quotient)
+    quotient = -signs * guiding / jnp.where(load > 0.0, load, jnp.inf)
+    wear = along * creepage.longitudinal + across * slip
+    return WheelForces(*map(_left_first, (guiding, load, signs * along, -across, wear, quotient)))
+
+
+def _rolled(instant: Motion) -> Float[Array, "n m *lanes"]:
+    """Roll moment of the primary springs on each wheelset, N m, right side up; none where the bogie is held."""
+    still = jnp.zeros_like(instant.contact.lateral)
+    if "primary_z" not in instant.deflection:
+        return still
+    force = suspension_forces(instant.vehicle, instant.deflection, instant.deflection_rate)["primary_z"]
+    return still + (instant.vehicle.geometry.half_primary / still.shape[1] * force)[:, None]
+
+
+def _left_first(wheels: Float[Array, "2 n m *lanes"]) -> Wheels:
+    return jnp.stack([in_a_row(wheels[1]), in_a_row(wheels[0])], axis=1)
 
 
 def in_a_row(values: Float[Array, "n m *lanes"]) -> Wheelsets:
     """Wheelsets as one axis, front first."""
     return values.reshape((-1, *values.shape[2:]))
-
-
-def _wheels(left: Float[Array, "n m *lanes"], right: Float[Array, "n m *lanes"]) -> Wheels:
-    return jnp.stack([in_a_row(left), in_a_row(right)], axis=1)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ...base.compilation import QUICK, one_kernel, options
+from ...base.compilation import QUICK, options
 from ...base.packing import Form
 from ...model.contact.profile_table import evened
 from ...simulation.runge_kutta import rk4_in_loop
@@ -90,4 +90,5 @@ def _backwards(form: Form, room: int) -> Callable[..., Array]:
 
         return jax.lax.fori_loop(0, steps, back, (weights, jnp.zeros_like(numbers)))[1]
 
-    return jax.jit(one_kernel(function), compiler_options=options(QUICK))
+    # not one kernel: of several wheelsets the derivative by a table scatters, which XLA does not write within one
+    return jax.jit(function, compiler_options=options(QUICK))

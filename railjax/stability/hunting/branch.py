@@ -271,7 +271,7 @@ class _Tracer:
         return points
 
     def _small(self, point: Point) -> bool:
-        return point.amplitude - self.model.offset < DOWN_TO * self.clearance
+        return bool(point.amplitude - self.model.offset[self.shooting.wheelset] < DOWN_TO * self.clearance)
 
     def _from_hopf(self) -> tuple[list[Point], list[Point]]:
         """From near the Hopf point down to it as far as it goes, and up to the fold at its lowest speed; with all folds."""

@@ -6,9 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...model.kinematics import size
-from ..along_speed import both_at
 from .adjoint import along
-from .orbits import DISPLACEMENT, Model, Orbit, Shooting, pack
+from .orbits import DISPLACEMENT, Model, Orbit, Shooting, matrix_at, pack
 from .settling import displaced_wheelsets
 from .shooting import BY_AMPLITUDE, OrbitProblem, Point, plane, row_of, solution, solved
 
@@ -29,7 +28,7 @@ def hunting_mode(model: Model, shooting: Shooting, speed: float) -> tuple[Float[
 
     The shape is the state where the wheelset turns, for an amplitude of 1 m: the real part of the eigenvector that is 1 there.
     """
-    values, vectors = np.linalg.eig(both_at(model.vehicle, speed, model.damper)[0])
+    values, vectors = np.linalg.eig(matrix_at(model, speed))
     oscillating = values.imag > 1e-6 * np.max(np.abs(values))
     return _shape(model, shooting, values, vectors, oscillating)
 
@@ -50,7 +49,7 @@ MOVED, HUNTING, USUAL = 0.3, (3.0, 80.0), 25.0
 def wheelset_mode(model: Model, shooting: Shooting, speed: float) -> tuple[Float[np.ndarray, "states"], float]:
     """As `hunting_mode`, away from the Hopf point, where the least damped mode may be another: the least damped one in which the wheelsets
     move as slowly as vehicles hunt; all of them displaced where there is none."""
-    values, vectors = np.linalg.eig(both_at(model.vehicle, speed, model.damper)[0])
+    values, vectors = np.linalg.eig(matrix_at(model, speed))
     coordinates = np.abs(vectors[: size(model.vehicle)])
     moving = np.max(coordinates[model.displacements], axis=0) >= MOVED * np.max(coordinates, axis=0)
     among = moving & (values.imag > HUNTING[0]) & (values.imag < HUNTING[1])
@@ -64,7 +63,9 @@ def near_hopf(
 ) -> OrbitProblem:
     """The orbit of a given amplitude (m) that grows out of a mode; its direction is that of rising amplitude."""
     guess = pack(model, shooting, Orbit(shape * amplitude + model.rest, 2.0 * np.pi / omega, speed))
-    return OrbitProblem(guess, row_of(model, shooting, BY_AMPLITUDE), (amplitude + model.offset) / DISPLACEMENT)
+    return OrbitProblem(
+        guess, row_of(model, shooting, BY_AMPLITUDE), (amplitude + model.offset[shooting.wheelset]) / DISPLACEMENT
+    )
 
 
 def next_orbit(model: Model, shooting: Shooting, point: Point, step: float) -> OrbitProblem:

@@ -191,7 +191,7 @@ def _many(lanes: Sequence[tuple], slopes: bool, wheelset: int, steps: int | None
         finer = {k: again for k, search in searches.items() if (again := _finer(search)) is not None}
         _search(finer)
         searches |= finer
-    rows = [_judged(searches.get(k), *(float(value) for value in linear)) for k, (_, linear) in enumerate(lanes)]
+    rows = [judged(searches.get(k), *(float(value) for value in linear)) for k, (_, linear) in enumerate(lanes)]
     values = tuple(np.array(column) for column in zip(*rows, strict=True))
     return Answer(values, [_slopes(searches.get(k), lane, values[3][k]) for k, lane in enumerate(lanes)] if slopes else None)
 
@@ -215,8 +215,15 @@ def _finer(search: FoldSearch) -> FoldSearch | None:
     return FoldSearch(search.model, dataclasses.replace(search.shooting, steps=enough), search.hopf, search.stable)
 
 
-def _judged(search: FoldSearch | None, speed: float, frequency: float, code: float) -> tuple[float, float, float, Hunting]:
-    """Speed, amplitude and frequency, values only where there are any, and the code."""
+def judged(search: FoldSearch | None, speed: float, frequency: float, code: float) -> tuple[float, float, float, Hunting]:
+    """Speed, amplitude and frequency, values only where there are any, and the code.
+
+    Args:
+        search: that was made; None where none was.
+        speed: linear critical speed, m/s.
+        frequency: of its mode, Hz.
+        code: `Stability`.
+    """
     if search is None:
         return np.nan, np.nan, np.nan, Hunting.UNSTABLE if code == Stability.UNSTABLE else Hunting.FAILED
     fold = search.fold

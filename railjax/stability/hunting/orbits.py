@@ -28,6 +28,7 @@ from ...model.damper import Damper, answers
 from ...model.kinematics import layout, size
 from ...model.motion import motion, state_rate, state_size, wheelset_shape
 from ...model.parameters import without_labels
+from ...model.track.curve import BalancedArc
 from ...model.vehicle import Vehicle
 from ...simulation.runge_kutta import rk4_in_loop
 from ...simulation.step_size import fastest_rate_on_host
@@ -65,6 +66,7 @@ class Model:
 
     vehicle: Vehicle
     damper: Damper
+    arc: BalancedArc | None = None  # None: straight track
 
     @functools.cached_property
     def form(self) -> Form:
@@ -128,18 +130,20 @@ class Model:
     @functools.cached_property
     def alike(self) -> bool:
         """Whether the vehicle is alike to both sides, as but for its profiles it always is."""
-        return self.vehicle.profiles is None or is_odd(self.vehicle.profiles)
+        return self.arc is None and (self.vehicle.profiles is None or is_odd(self.vehicle.profiles))
 
     @functools.cached_property
-    def offset(self) -> float:
-        """Lateral displacement of the wheelsets of straight running, m: 0 but for wheels that are not alike."""
-        return 0.0 if self.alike else float(self.vehicle.profiles.rest)
+    def offset(self) -> Float[np.ndarray, "wheelsets"]:
+        """Lateral displacements of the wheelsets of steady running, m: 0 but in curves and for wheels that are not alike."""
+        return self.rest[self.displacements]
 
     @functools.cached_property
     def rest(self) -> Float[np.ndarray, "states"]:
-        """The state of straight running."""
+        """The state of steady running, on straight track or in the arc."""
+        if self.arc is not None:
+            return np.asarray(self.arc.state)
         state = np.zeros(self.states)
-        state[self.displacements] = self.offset
+        state[self.displacements] = 0.0 if self.alike else float(self.vehicle.profiles.rest)
         return state
 
     def amplitude_index(self, wheelset: int) -> int:
@@ -201,13 +205,26 @@ def _rate_index(model: Model, shooting: Shooting) -> int:
 
 
 def state_rates(model: Model, slowness: Scalar, lanes: tuple[int, ...] = ()) -> Callable[[Array], Array]:
-    """x' of straight running on even track at 1/v = `slowness` (s/m), as a function of x (states, *lanes)."""
+    """x' of running on even track at 1/v = `slowness` (s/m), as a function of x (states, *lanes)."""
     even = jnp.zeros((*wheelset_shape(model.vehicle), *lanes))
+    curve = None if model.arc is None else model.arc.curve(model.vehicle, even)
 
     def rate(x: Float[Array, "states *lanes"]) -> Float[Array, "states *lanes"]:
-        return state_rate(model.vehicle, motion(model.vehicle, model.damper, slowness, even, x))
+        return state_rate(model.vehicle, motion(model.vehicle, model.damper, slowness, even, x, curve))
 
     return rate
+
+
+@functools.partial(jax.jit, static_argnames="form")
+def _matrix(form: Form, numbers: Array, slowness: Array, x: Array) -> Float[Array, "s s"]:
+    return jax.jacfwd(state_rates(form.tree(numbers), slowness))(x)
+
+
+def matrix_at(model: Model, speed: float) -> Float[np.ndarray, "s s"]:
+    """E about steady running at a speed (m/s)."""
+    if model.arc is None:
+        return both_at(model.vehicle, speed, model.damper)[0]
+    return np.asarray(_matrix(model.form, model.numbers, np.asarray(1.0 / speed), model.rest))
 
 
 def flow(

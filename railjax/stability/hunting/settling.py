@@ -150,7 +150,7 @@ class _Batch:
         states, self.x = np.asarray(states), np.array(x)  # type: ignore[assignment]
         first = self.periods[-1][-1:] if self.periods else states[:1]
         self.periods.append(states)
-        y = np.abs(np.concatenate([first, states, self.x[None]])[:, self.at] - self.offset)
+        y = np.abs(np.concatenate([first, states, self.x[None]])[:, self.at] - self.offset[:, None])
         left, top, right = y[:-2], y[1:-1], y[2:]
         # the tops of the parabolas through three samples
         curved = 2.0 * top - left - right
@@ -200,14 +200,16 @@ def _end(shooting: Shooting, start: Start, history: Float[np.ndarray, "samples s
     """The orbit from the mean of the last turns of the wheelset that moves most, those to the left seen in the mirror, so that the car
     body's slow sway, which dies out long after the wheelsets have settled, cancels; it begins where the wheelset that measures turns."""
     model, dt = start.model, start.period / SAMPLES
-    most = model.displacements.start + int(np.argmax(np.max(np.abs(history[:, model.displacements] - model.offset), axis=0)))
-    turns, length = _turns(history[:, most] - model.offset)
+    moved = history[:, model.displacements] - model.offset
+    wheelset = int(np.argmax(np.max(np.abs(moved), axis=0)))
+    most, middle = model.displacements.start + wheelset, model.offset[wheelset]
+    turns, length = _turns(moved[:, wheelset])
     if len(turns) < 2 or displacement < start.rest:
         return End(pack(model, shooting, Orbit(history[0], start.period, start.speed)), displacement, False)
     if not shooting.symmetric:
-        turns = [turn for turn in turns if history[turn, most] > model.offset]
+        turns = [turn for turn in turns if history[turn, most] > middle]
     states = [_at_turn(model, history, turn, most, dt, start.speed) for turn in turns[-TURNS:]]
-    state = np.mean([state if state[most] > model.offset else model.mirror * state for state in states], axis=0)
+    state = np.mean([state if state[most] > middle else model.mirror * state for state in states], axis=0)
     orbit, index = Orbit(state, length * dt, start.speed), model.amplitude_index(shooting.wheelset)
     if most != index:
         history = one_period(model, orbit, start.steps)
@@ -221,7 +223,7 @@ def _at_turn(
 ) -> Float[np.ndarray, "states"]:
     """The state at the instant, next to a sample, where the displacement `index` turns: found by the flow itself, for between samples a
     flange may strike."""
-    rate, side = index + size(model.vehicle), np.sign(history[turn, index] - model.offset)
+    rate, side = index + size(model.vehicle), np.sign(history[turn, index] - model.rest[index])
     before = turn if side * history[turn, rate] > 0.0 else turn - 1
     (early, rising), (late, falling) = ((k * dt, side * history[before + k, rate]) for k in (0, 1))
     state = history[turn]
