@@ -148,6 +148,7 @@ def channels() -> str:
         "floor": "at 3 points of the floor",
         "bogie": "of n bogies",
         "wheelset": "of n m wheelsets",
+        "wheel": "of n m wheelsets, right and left wheel",
     }
     return table(
         ("channel", "unit", "shape"), [(name, entry.unit, shapes[entry.part]) for name, entry in railjax.CHANNELS.items()]
