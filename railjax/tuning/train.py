@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -190,13 +191,14 @@ def train(
         ratios = dict.fromkeys(limits, 1.0)
         return Training(law, 1.0, ratios, limits, np.array([[0.0, 1.0, 1.0, *ratios.values()]]), 0, 0.0, "nothing done")
     trial = _Trial(vehicle, law, _others(tracks) if validation is None else validation, tuple(speeds), limits, dt)
+    told = f"{teacher.fingerprint} {episodes} {learning_rate} {every} {patience}"
     schedule = optax.cosine_decay_schedule(learning_rate, max(1, episodes * (windows - 1)), alpha=0.1)
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
     weights = weights_of(law)
     score, numbers = trial.score(law)
     prices = {name: jnp.zeros(()) for name in limits}
     course = Course(weights, optimiser.init(weights), prices, weights, score, 0, 0, [(0.0, score, *numbers)])
-    course = course if keep is None else _taken_up(keep, course, teacher.fingerprint)
+    course = course if keep is None else _taken_up(keep, course, told)
     clock = Clock(course.episode, episodes)
     while course.episode < episodes and course.stale < patience:
         course = teacher.episode(course, optimiser)
@@ -213,7 +215,7 @@ def train(
                 history=[*course.history, (float(course.episode), score, *numbers)],
             )
             if keep is not None:
-                _kept(keep, course, teacher.fingerprint)
+                _kept(keep, course, told)
         if progress is not None:
             progress(clock.advance(1))
     best = min(course.history, key=lambda row: row[1])
@@ -342,9 +344,11 @@ class Teacher:
         if every < 1 or abs(every * dt * RATE - 1.0) > 1e-6:
             raise InputError(f"dt {dt:g} s: 5 ms must be a whole number of steps")
         self.plan = Plan(round(window * RATE), every, ("floor_acceleration", *limits), ())
-        self.fingerprint = (
-            f"{speeds} {limits} {windows} {window} {lanes} {dt} {seed} {np.sum(self.track.coefficients):.17g} {law.origin}"
-        )
+        # of all numbers that the weights depend on, but the schedule
+        told = hashlib.sha256(repr((speeds, sorted(limits.items()), windows, window, lanes, dt, seed, law.origin)).encode())
+        for leaf in jax.tree.leaves((vehicle, law, track, self.scatter)):
+            told.update(str(leaf).encode() if isinstance(leaf, str) else np.asarray(leaf).tobytes())
+        self.fingerprint = told.hexdigest()
         self.sections = weighting_filter("Wd", RATE)
         self._compiled = False
         self.gradient = jit(jax.value_and_grad(self.loss, has_aux=True))

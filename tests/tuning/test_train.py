@@ -70,6 +70,8 @@ def test_the_same_seed_gives_the_same_law_to_the_bit_also_after_a_stop(coach, la
     assert "2 episodes" in str(again)
     with pytest.raises(railjax.InputError, match="another training"):
         train(coach, law, **(SMALL | {"lanes": 6}), episodes=2, keep=kept)
+    with pytest.raises(railjax.InputError, match="another training"):
+        train(railjax.replace(coach, carbody__mass=1.01 * coach.carbody.mass), law, **SMALL, episodes=2, keep=kept)
     with pytest.raises(railjax.InputError, match="hunts"):
         train(coach, law, **(SMALL | {"speeds": (60.0, 110.0)}), episodes=1)
 
