@@ -8,6 +8,7 @@
 Each raises an `AssertionError` for the first thing that is wrong, in one line that names it with its numbers.
 """
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
@@ -338,7 +339,7 @@ def _balanced(name: str, at: dict, slowing: np.ndarray) -> None:
     steps = int(np.clip(np.max(rates, initial=0.0), 2000, 200_000))
     tones = 2.0 * np.pi * np.array([2.0, 5.3])
     shapes = VELOCITY / tones[:, None] * np.random.default_rng(2).normal(size=(2, size(vehicle)))
-    least, when = (np.asarray(part) for part in _least_work(law, vehicle, shapes, tones, steps))
+    least, when = (np.asarray(part) for part in _least_work(type(law), law, vehicle, shapes, tones, steps))
     bogie = int(np.argmin(least))
     assert np.all(np.isfinite(least)), f"{name}: does not stay finite over 1 s in {steps} steps"
     assert least[bogie] >= 0.0, (
@@ -347,9 +348,10 @@ def _balanced(name: str, at: dict, slowing: np.ndarray) -> None:
     )
 
 
-@jax.jit
-def _least_work(law: Any, vehicle: Vehicle, shapes: Any, tones: Any, steps: Any) -> tuple[Any, Any]:
-    """Least work taken in so far and when, per bogie, in J and s; 1e-3 of what went to and fro is left to the quadrature."""
+@functools.partial(jax.jit, static_argnums=0)
+def _least_work(kind: type, law: Any, vehicle: Vehicle, shapes: Any, tones: Any, steps: Any) -> tuple[Any, Any]:
+    """Least work taken in so far and when, per bogie, in J and s; 1e-3 of what went to and fro is left to the quadrature.
+    `kind` is the law's class, which JAX 0.10 may take for another with the same fields."""
     dt = 1.0 / steps
 
     def given(t: Any, internal: Any) -> dict:

@@ -65,7 +65,7 @@ def probed(name: str, function: Callable[[dict], dict], at: dict, along: dict, m
     """`function` and its derivatives along each leaf of `at` by the direction `along`; both have lanes on every leaf's last axis."""
     paths, structure = jax.tree_util.tree_flatten_with_path(at)
     directions, rng = jax.tree.leaves(along), np.random.default_rng(1)
-    weights = jax.tree.map(lambda part: rng.uniform(0.5, 1.5, (*part.shape[:-1], 1)), jax.eval_shape(function, at))
+    weights = jax.tree.map(lambda part: rng.uniform(0.5, 1.5, (*part.shape[:-1], 1)), _shapes_of(function, at))
 
     def parts(given: dict, scale: dict) -> list[Any]:
         scaled = jax.tree.map(lambda value, weight, by: value * weight / by, function(given), weights, scale)
@@ -108,6 +108,11 @@ def probed(name: str, function: Callable[[dict], dict], at: dict, along: dict, m
     return found._replace(leaves=[jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in paths])
 
 
+def _shapes_of(function: Callable[[dict], dict], at: dict) -> dict:
+    """Shapes of what the function gives: traced anew, as JAX 0.10 may take what it has traced of another class with the same fields."""
+    return jax.eval_shape(lambda at: function(at), at)
+
+
 def _or_one(size: Any) -> Any:
     return jnp.where(size > 0.0, size, 1.0)
 
@@ -127,7 +132,7 @@ def lanes_of(tree: Any, lanes: int, rng: np.random.Generator) -> tuple[Any, Any]
 
 def shapes(name: str, function: Callable[[dict], dict], at: dict, expected: dict[str, tuple[int, ...]]) -> None:
     with said(name, "cannot be traced by jax.jit"):
-        given = jax.eval_shape(function, at)
+        given = _shapes_of(function, at)
     for key, shape in expected.items():
         assert given[key].shape == shape, f"{name}: the {key} has the shape {given[key].shape}, not {shape}"
         assert jnp.issubdtype(given[key].dtype, jnp.floating), f"{name}: the {key} is {given[key].dtype}, not a float"

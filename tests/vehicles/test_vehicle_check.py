@@ -326,12 +326,14 @@ UNITS = (
 )  # fmt: skip
 DIMENSIONLESS = {
     "alpha",
+    "friction",
     "inclination",
     "prudhomme_factor",
     "sperling_exponent",
     "sperling_power",
     "fit_share",
     "slow",
+    "travel_ratio",
     "magnified",
 }
 

@@ -34,7 +34,7 @@ def train(
     skyhook_kNs_per_m: Annotated[
         float, typer.Option("--skyhook-kNs-per-m", help="Damping per damper of the skyhook law that it begins as.")
     ] = 100.0,
-    travel: Annotated[float, typer.Option(help="Largest secondary travel (r.m.s.), times that of the skyhook law.")] = 1.0,
+    travel_ratio: Annotated[float, typer.Option(help="Largest secondary travel (r.m.s.), times that of the skyhook law.")] = 1.0,
     episodes: Annotated[int, typer.Option(help="Rides of 12 s of all lanes, five steps each.")] = 60,
     lanes: Annotated[int, typer.Option(help="Rides at once.")] = 32,
     seed: Annotated[int, typer.Option(help="Of tracks, speeds, noise and first weights.")] = 0,
@@ -48,7 +48,7 @@ def train(
 
     Then: railjax comfort coach --speed-kmh 200 --damper law.npz
     """
-    finite(skyhook_kNs_per_m=skyhook_kNs_per_m, travel=travel)
+    finite(skyhook_kNs_per_m=skyhook_kNs_per_m, travel_ratio=travel_ratio)
     speeds = sorted(speed_kmh or [120.0, 220.0])
     for speed in speeds:
         finite(speed_kmh=speed)
@@ -83,7 +83,7 @@ def train(
             begun,
             tracks=track or ["erri-low", "erri-high"],
             speeds=[speed / KMH for speed in speeds],
-            limits={"secondary_travel": travel},
+            limits={"secondary_travel": travel_ratio},
             episodes=episodes,
             lanes=lanes,
             seed=seed,
