@@ -11,6 +11,12 @@ from ..base.packing import as_numbers
 from .consistency import VEHICLE
 from .vehicle import OPTIONAL, PARTS, Vehicle
 
+#: what the table of a vehicle on profiles has in its place
+OF_PROFILES = tuple(
+    f"contact.{name}"
+    for name in ("conicity", "creep_longitudinal", "creep_lateral", "creep_lateral_spin", "creep_spin", "flange_clearance")
+)
+
 
 @guarded(vehicle=VEHICLE)
 def replace(vehicle: Vehicle, **changes: Any) -> Vehicle:
@@ -52,9 +58,13 @@ def set_parameter(vehicle: Vehicle, path: str, value: Any) -> Vehicle:
         value: its new value, in SI; an array of shape `(lanes,)` makes a batch of vehicles.
 
     Raises:
-        InputError: for a path that does not exist, in any vehicle or in this one.
+        InputError: for a path that does not exist, in any vehicle or in this one, and for what profiles have in its place.
     """
     get_parameter(vehicle, path)  # refuses a path that does not exist
+    if vehicle.profiles is not None and path in OF_PROFILES:
+        raise InputError(
+            f"{path} of a vehicle on profiles is theirs and would change nothing; make it anew with railjax.with_profiles"
+        )
     return _set(vehicle, path.split("."), value)
 
 

@@ -134,6 +134,12 @@ def test_channels_of_wheels(profiled, coach):
         railjax.frequency_response(profiled, 50.0, "erri-low", record=("wheel_load",))
 
 
+def test_what_profiles_have_in_its_place_cannot_be_changed(profiled):
+    with pytest.raises(railjax.InputError, match="conicity of a vehicle on profiles is theirs"):
+        railjax.replace(profiled, contact__conicity=0.1)
+    assert railjax.replace(profiled, contact__friction=0.2).contact.friction == 0.2
+
+
 def test_assessment_by_nadal(profiled):
     record = railjax.acceptance_channels(profiled)
     run = railjax.simulate(profiled, 75.0, duration=10.0, sample=5e-3, initial={"wheelset_y": 7e-3}, record=record)
