@@ -14,9 +14,8 @@ from ..base.checks import Range
 from ..base.fields import parameter
 from ..base.precision import require_double_precision
 from ..base.typing import Scalar
-from ..model.contact.conicity import NONLINEARITY, equivalent_conicity
-from ..model.contact.geometry import NUMBERS, contact_geometry
-from ..model.contact.points import GAUGE_DEPTH
+from ..model.contact.conicity import equivalent_conicity, nonlinearity_parameter
+from ..model.contact.geometry import NUMBERS, contact_geometry, over_flanges
 from ..model.contact.profiles import RailProfile, WheelProfile
 
 #: points computed together: the places along a wheel of one are thousands of numbers
@@ -80,8 +79,8 @@ class EquivalentConicity:
         profiles = WheelProfile.load(self.wheel), RailProfile.load(self.rail)
         numbers = self.amplitude, gauge, inclination, flange_back, radius, radius_difference
         conicity, nonlinearity = _at_points(jax.tree.map(jnp.asarray, (profiles, *numbers)))
-        between = jnp.asarray(flange_back) + 2.0 * (TREAD_DATUM - profiles[0].flange_face(GAUGE_DEPTH))
-        fits, wave = between < jnp.asarray(gauge), jnp.isfinite(conicity)
+        base = 0.5 * jnp.asarray(flange_back) + TREAD_DATUM
+        fits, wave = over_flanges((profiles[0],) * 2, (base, base)) < jnp.asarray(gauge), jnp.isfinite(conicity)
         code = jnp.where(fits, jnp.where(wave, int(Fit.OK), int(Fit.NO_WAVE)), int(Fit.DOES_NOT_FIT))
         found = {"equivalent_conicity": conicity, "nonlinearity": nonlinearity}
         return {name: jnp.where(fits, values, jnp.nan) for name, values in found.items()} | {"code": code}
@@ -98,9 +97,8 @@ def _at_points(trees: tuple) -> tuple[Array, Array]:
         found = contact_geometry(
             *profiles, gauge=gauge, inclination=inclination, flange_back=back, radius=radii, tread_datum=TREAD_DATUM
         )
-        amplitudes = jnp.stack([amplitude, *NONLINEARITY])
-        at, small, large = equivalent_conicity(found.y, found.delta_r, amplitudes, radius=radius)
-        return at, (large - small) / (NONLINEARITY[1] - NONLINEARITY[0])
+        wave = found.y, found.delta_r
+        return equivalent_conicity(*wave, amplitude, radius=radius), nonlinearity_parameter(*wave, radius=radius)
 
     batch = Batch.of(*trees, own=own)
     if batch.lanes is None:

@@ -13,7 +13,7 @@ from ..base.fields import structure
 from ..base.typing import Number
 from ..base.units import KMH
 from ..model.damper import Damper, with_law
-from ..model.track.curve import CANT_BASE, GRAVITY
+from ..model.track.curve import cant_in_balance
 from ..model.vehicle import Vehicle
 from ..stability.curving.critical import curve_critical
 from ..stability.curving.result import Equilibrium, SteadyCurving
@@ -53,7 +53,7 @@ def in_curve(measure: str, radius: Any, speed: Any, cant: Any, cant_deficiency: 
         A_CANT("cant_deficiency", deficiency)
         if cant + deficiency <= 0.0:
             raise InputError("cant and cant_deficiency must add up to more than 0, or there is no such speed")
-        speed = np.sqrt(GRAVITY * abs(radius) * (cant + deficiency) / CANT_BASE)
+        speed = np.sqrt((cant + deficiency) / cant_in_balance(1.0, radius))
     elif cant_deficiency is not None:
         raise InputError("speed and cant_deficiency exclude each other: give one of them")
     _single("speed", speed)

@@ -65,11 +65,11 @@ def _speed_and_cant(
 ) -> tuple[float, float]:
     """m/s and m, out of two of the three options."""
     from ...base.units import KMH
-    from ...model.track.curve import CANT_BASE, GRAVITY
+    from ...model.track.curve import cant_in_balance
 
     if radius_m == 0.0:
         raise InputError("--radius-m must not be 0")
-    per_square = 1e3 * CANT_BASE / (GRAVITY * abs(radius_m))  # mm of cant in balance per (m/s)²
+    per_square = 1e3 * cant_in_balance(1.0, radius_m)  # mm of cant in balance per (m/s)²
     if speed_kmh is None:
         if cant_deficiency_mm is None:
             raise InputError("give --speed-kmh, or --cant-deficiency-mm, from which the speed follows")

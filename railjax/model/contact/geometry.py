@@ -366,14 +366,17 @@ def _two_numbers(key: str, value: Any) -> tuple[Any, Any]:
     return value[0], value[1]
 
 
+def over_flanges(wheels: tuple[WheelProfile, WheelProfile], base: Any) -> Any:
+    """How far the faces of both flanges are apart where gauge is measured, m; `base` (m) are both tread datums from the wheelset's middle."""
+    return sum(one - wheel.flange_face(GAUGE_DEPTH) for one, wheel in zip(base, wheels, strict=True))
+
+
 def _refuse(found: ContactGeometry, gauge: float) -> None:
     """What is known to be no geometry of a wheelset on its rails."""
-    flanges = [
-        float(base) - wheel.flange_face(GAUGE_DEPTH) for base, wheel in zip(found.sides.base, found.profiles[0], strict=True)
-    ]
-    if not sum(flanges) < gauge:
+    apart = float(over_flanges(found.profiles[0], found.sides.base))
+    if not apart < gauge:
         raise InputError(
-            f"the wheelset does not fit between the rails: {1e3 * GAUGE_DEPTH:g} mm below the tread its flanges are {1e3 * sum(flanges):.1f} mm "
+            f"the wheelset does not fit between the rails: {1e3 * GAUGE_DEPTH:g} mm below the tread its flanges are {1e3 * apart:.1f} mm "
             f"apart and gauge is {1e3 * gauge:.1f} mm; enlarge gauge or take a smaller flange_back"
         )
     for side, (wheel, named) in enumerate(zip(found.profiles[0], ("right", "left"), strict=True)):

@@ -139,10 +139,7 @@ def profile_contact(
         suspension: forces of the primary suspension, by the names of their deflections
     """
     guided = suspension["primary_y"]
-    rolled = jnp.zeros_like(guided)
-    if "primary_z" in suspension:
-        share = vehicle.geometry.half_primary / len(vehicle.geometry.axle_pattern)
-        rolled = rolled + share * suspension["primary_z"][:, None]
+    rolled = roll_moment(vehicle, suspension, guided)
     seen = _Seen(y_rel, psi, y_rate * slowness, turning * slowness, guided, rolled)
     if vehicle.contact.law != "linear":
         return _forces(vehicle, slowness, seen)
@@ -150,6 +147,21 @@ def profile_contact(
     profiles, still = vehicle.profiles, jax.tree.map(jnp.zeros_like, seen)
     at = jnp.where(jnp.asarray(vehicle.contact.flange_clearance) < 0.0, profiles.steepest, profiles.rest)
     return jax.jvp(functools.partial(_forces, vehicle, slowness), (still._replace(y=still.y + at),), (seen,))[1]
+
+
+def roll_moment(vehicle: Vehicle, suspension: dict[str, Float[Array, "..."]], like: Wheelsets) -> Wheelsets:
+    """Roll moment of the primary springs on each wheelset, N m, right side up, shaped as `like`; none where the bogie is held.
+
+    Args:
+        vehicle: for its geometry
+        suspension: forces of the primary suspension, N, by the names of their deflections
+        like: an array with an entry per wheelset; its values do not matter, dimensionless
+    """
+    still = jnp.zeros_like(like)
+    if "primary_z" not in suspension:
+        return still
+    share = vehicle.geometry.half_primary / len(vehicle.geometry.axle_pattern)
+    return still + share * suspension["primary_z"][:, None]
 
 
 def wheel_loads(vehicle: Vehicle, lateral: Wheelsets, rolled: Wheelsets) -> Wheels:

@@ -20,6 +20,7 @@ from ...base.precision import require_double_precision
 from ...base.typing import Scalar, Values
 from ..consistency import VEHICLE
 from ..vehicle import Profiles, Vehicle
+from .cubics import cubic_rows
 from .geometry import FLATTEST, PLACED, SPREAD, Pair, both_sides, contact_geometry, laid_out, steps_to
 from .kalker import creep_coefficients
 from .points import Lean, Pose, Side, leaning, posed, risen
@@ -247,8 +248,7 @@ def _carried(vehicle: Vehicle, found: Values, angle: Values, alike: bool, simpli
         values = kept * values + plain
     step = Y[1] - Y[0]
     slope = step * (slopes_of(len(Y), step) @ values)
-    low, high, out, into = values[:-1], values[1:], slope[:-1], slope[1:]
-    rows = xp.stack([low, out, 3.0 * (high - low) - 2.0 * out - into, 2.0 * (low - high) + out + into], axis=1)
+    rows = cubic_rows(xp, values, slope, axis=1)
 
     normal, by_y = constant(xp, (values[:, NORMAL], slope[:, NORMAL]))
     flanged = (normal[0] < -FLANGE) & (normal[-1] > FLANGE)

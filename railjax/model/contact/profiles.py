@@ -18,6 +18,7 @@ from ...base.errors import InputError
 from ...base.namespace import namespace
 from ...base.typing import Number
 from . import profile_shapes
+from .cubics import cubic_rows
 from .profile_files import Read, read_profile
 from .profile_points import STEEPEST, Outline, Source, outline
 
@@ -57,10 +58,7 @@ class _Profile:
 
     def cubics(self, xp: ModuleType) -> Float[Array, "intervals 4"] | Float[np.ndarray, "intervals 4"]:
         """Coefficients of each interval in powers of (y - y_i)/step, from 1 on: a row to fetch."""
-        step = self.lateral[1] - self.lateral[0]
-        low, high = self.height[:-1], self.height[1:]
-        out, into = self.slope[:-1] * step, self.slope[1:] * step
-        return xp.stack([low, out, 3.0 * (high - low) - 2.0 * out - into, 2.0 * (low - high) + out + into], axis=-1)
+        return cubic_rows(xp, self.height, self.slope * (self.lateral[1] - self.lateral[0]))
 
     @classmethod
     def _of(cls, found: Outline, name: str, **more: Any) -> Any:

@@ -13,6 +13,7 @@ from ...base.arguments import guarded
 from ...base.checks import Kind
 from ...base.errors import InputError
 from ...base.typing import Number
+from .cubics import cubic_rows
 from .geometry import ContactGeometry
 
 Wheelsets = Float[Array, "..."]
@@ -61,10 +62,7 @@ class ContactTable:
             axis=-1,
         )
         step = y[1] - y[0]
-        out = step * (jnp.asarray(slopes_of(len(y), step)) @ values)
-        low, high, into, out = values[:-1], values[1:], out[1:], out[:-1]
-        rows = jnp.stack([low, out, 3.0 * (high - low) - 2.0 * out - into, 2.0 * (low - high) + out + into], axis=-1)
-        return cls(y[0], step, rows)
+        return cls(y[0], step, cubic_rows(jnp, values, step * (jnp.asarray(slopes_of(len(y), step)) @ values)))
 
     def at(self, y: Wheelsets) -> ContactAt:
         """The functions at displacements y (m), any shape."""

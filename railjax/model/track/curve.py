@@ -7,6 +7,7 @@ each body.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +23,11 @@ GRAVITY = 9.81
 
 #: m; distance of the rails over which cant is measured: theta = cant/1.5 m
 CANT_BASE = 1.5
+
+
+def cant_in_balance(speed: Any, radius: Any) -> Any:
+    """The cant (m) at which an arc of `radius` (m) leaves no lateral acceleration at a `speed` (m/s): 1.5 m v²/(g R)."""
+    return CANT_BASE / GRAVITY * speed**2 / abs(radius)
 
 
 @jax.tree_util.register_dataclass

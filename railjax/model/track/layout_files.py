@@ -11,7 +11,7 @@ from ...base.csv_columns import IN_PYTHON, read_columns
 from ...base.errors import InputError, nearest
 from ...base.fields import given_number
 from ...base.units import KMH
-from .curve import CANT_BASE, GRAVITY
+from .curve import cant_in_balance
 from .segments import Segment
 
 #: per quantity: the names by which a column is found without being told, and the factors of its units to SI
@@ -92,7 +92,7 @@ def _segment(given: dict[str, Any], where: str) -> Segment:
         if "cant_deficiency_mm" in numbers:
             if "cant_mm" in numbers or "speed_kmh" not in numbers or radius == 0.0:
                 raise InputError("give cant_mm, or cant_deficiency_mm with speed_kmh")
-            balanced = CANT_BASE * (numbers["speed_kmh"] / KMH) ** 2 / (GRAVITY * abs(radius))
+            balanced = cant_in_balance(numbers["speed_kmh"] / KMH, radius)
             return Segment.arc(numbers["length_m"], radius, balanced - 1e-3 * numbers["cant_deficiency_mm"])
         return Segment.arc(numbers["length_m"], radius, 1e-3 * numbers.get("cant_mm", 0.0))
     except InputError as error:

@@ -20,7 +20,7 @@ from ...model.damper import Damper
 from ...model.kinematics import size
 from ...model.motion import PASSIVE, state_rate
 from ...model.parameters import without_labels
-from ...model.track.curve import CANT_BASE, GRAVITY
+from ...model.track.curve import cant_in_balance
 from ...model.vehicle import Vehicle
 from ..linear_critical import HIGHEST, LOWEST, Stability
 from .equilibrium import Case, moved
@@ -88,7 +88,7 @@ def curve_critical(
 
 def balanced_cant(speed: Any, radius: Any, deficiency: Any) -> Any:
     """The cant that leaves the deficiency (m) at a speed (m/s), m."""
-    return CANT_BASE / GRAVITY * speed**2 / abs(radius) - deficiency
+    return cant_in_balance(speed, radius) - deficiency
 
 
 def _cant(balanced: bool, speed: Any, radius: Any, tilt: Any) -> Any:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...model.contact.creep import creep_forces
-from ...model.contact.profile_contact import wheel_loads
+from ...model.contact.profile_contact import guiding_forces, roll_moment, wheel_loads
 from ...model.motion import Motion, suspension_forces
 
 Wheelsets = Float[Array, "wheelsets *lanes"]
@@ -39,32 +39,24 @@ def wheel_forces(instant: Motion) -> WheelForces:
     vehicle, contact, creepage = instant.vehicle, instant.contact, instant.creepage
     if instant.wheels is None:
         along, across = (jnp.stack([part, part]) for part in creep_forces(vehicle, creepage, contact.saturation))
-        slip, rolled = jnp.stack([creepage.lateral, creepage.lateral]), _rolled(instant)
+        slip = jnp.stack([creepage.lateral, creepage.lateral])
+        springs = suspension_forces(vehicle, instant.deflection, instant.deflection_rate)
+        load = wheel_loads(vehicle, contact.lateral, roll_moment(vehicle, springs, contact.lateral))
     else:
         along, across = instant.wheels.longitudinal_force, instant.wheels.lateral_force
-        slip, rolled = instant.wheels.lateral, instant.wheels.rolled
-    load = wheel_loads(vehicle, contact.lateral, rolled)
+        slip = instant.wheels.lateral
+        load, outwards = guiding_forces(vehicle, contact, instant.wheels)
     signs = jnp.array([1.0, -1.0], load.dtype).reshape((2,) + (1,) * (load.ndim - 1))
     if instant.wheels is None:
         guiding = -0.5 * (contact.lateral - contact.flange) - signs * jnp.maximum(signs * contact.flange, 0.0)
     else:
-        tangent = instant.wheels.tangent
-        guiding = -across * jnp.sqrt(1.0 + tangent**2) - signs * load * tangent
+        guiding = -signs * outwards
         rest = -contact.lateral - jnp.sum(guiding, axis=0)
         guiding = guiding + jnp.where(signs * contact.flange > 0.0, rest, 0.0)
     # a wheel that has lifted guides nothing
     quotient = -signs * guiding / jnp.where(load > 0.0, load, jnp.inf)
     wear = along * creepage.longitudinal + across * slip
     return WheelForces(*map(_left_first, (guiding, load, signs * along, -across, wear, quotient)))
-
-
-def _rolled(instant: Motion) -> Float[Array, "n m *lanes"]:
-    """Roll moment of the primary springs on each wheelset, N m, right side up; none where the bogie is held."""
-    still = jnp.zeros_like(instant.contact.lateral)
-    if "primary_z" not in instant.deflection:
-        return still
-    force = suspension_forces(instant.vehicle, instant.deflection, instant.deflection_rate)["primary_z"]
-    return still + (instant.vehicle.geometry.half_primary / still.shape[1] * force)[:, None]
 
 
 def _left_first(wheels: Float[Array, "2 n m *lanes"]) -> Wheels:
