@@ -3,17 +3,17 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 
 from ..base.fields import parameter
+from ..base.pytrees import registered
 from ..base.typing import Number, Scalar
 from ..model.damper import Bogies, EquivalentDamper, Seen
 from ..model.vehicle import Vehicle
 from .controlled import LARGEST_TRAVEL, ForceControlled
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class BalanceLogic(ForceControlled):
     """Eqs. (10)-(11): the dampers balance the elastic force 2 k_cy Δy_c, times α, while it and the damping force oppose each other,

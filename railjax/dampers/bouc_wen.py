@@ -19,13 +19,14 @@ from jaxtyping import Array, Float, Int
 from ..base import smooth
 from ..base.errors import InputError
 from ..base.fields import optional, parameter, structure
+from ..base.pytrees import registered
 from ..base.typing import Number, Scalar
 from . import power_loop
 
 Values = Float[Array, "..."]
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class BoucWen:
     """Parameters of the modified Bouc-Wen damper; the defaults are Spencer's 3 kN prototype (1997; recalled, not read at the

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 
 from ..base import smooth
 from ..base.fields import optional, parameter, twin
+from ..base.pytrees import registered
 from ..base.typing import Number, Scalar
 from ..model.damper import Bogies, Law, PassiveDamper, Seen
 from ..model.vehicle import Vehicle
@@ -56,7 +57,7 @@ def _decided(damper: "BoucWenDamper | HybridDamper", travel: Bogies, velocity: B
     return [decision, clock]
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class BoucWenDamper(Law):
     """MR dampers after the modified Bouc-Wen model, eqs. (12)-(17), under the voltage law (18) behind the driver's lag.
@@ -160,7 +161,7 @@ class BoucWenDamper(Law):
         return tuple(found)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class _Relaxation(Law):
     """Nothing but a state that decays at a rate (1/s)."""
@@ -173,7 +174,7 @@ class _Relaxation(Law):
         return jnp.zeros_like(velocity), -self.rate * internal
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class HybridDamper(Law):
     """The paper's MR hybrid damper (fig. 11): a hydraulic damper whose orifice is opened by a pilot piston against an MR device.

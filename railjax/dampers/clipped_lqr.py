@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -13,6 +12,7 @@ from ..base.checks import from_zero, positive
 from ..base.errors import InputError
 from ..base.fields import matrix, optional
 from ..base.precision import require_double_precision
+from ..base.pytrees import registered
 from ..base.typing import Number, Scalar
 from ..base.units import KMH
 from ..model.damper import Bogies, Law, Seen
@@ -22,7 +22,7 @@ from ..model.vehicle import Vehicle
 from .controlled import ForceControlled
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class ClippedLQR(ForceControlled):
     """Clipped optimal control: the force of a linear quadratic regulator with all states known, where dampers can give it.
@@ -110,7 +110,7 @@ class ClippedLQR(ForceControlled):
         return 20e3
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class _Actuator(Law):
     """Forces from outside, kN per bogie: their columns of the state matrix are B of x' = A x + B u."""

@@ -3,16 +3,15 @@
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-import jax
-
 from ..base.fields import optional, parameter, twin
+from ..base.pytrees import registered
 from ..base.typing import Number
 from ..model.damper import Bogies, Law
 from ..model.suspension import yaw_damper_force
 from ..model.vehicle import Vehicle, YawDamper
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class MaxwellDamper(Law):
     """Dashpots of `damping` c in series with a stiffness k (rubber ends, oil), both per side; blow-off as the yaw dampers'.

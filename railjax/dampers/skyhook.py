@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..base import smooth
 from ..base.errors import InputError
 from ..base.fields import optional, parameter
+from ..base.pytrees import registered
 from ..base.typing import Number
 from ..model.damper import HARD, Bogies, Seen
 from ..model.kinematics import of_carbody
@@ -17,7 +17,7 @@ from ..model.vehicle import Vehicle
 from .controlled import ValveControlled
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class Skyhook(ValveControlled):
     """Skyhook (Karnopp, Crosby, Harwood 1974): as if a damper tied the car body to the sky, where that takes out energy.
@@ -62,7 +62,7 @@ class Skyhook(ValveControlled):
         return smooth.smooth_ramp(wanted, width) - smooth.smooth_ramp(wanted - 1.0, width)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class ADD(ValveControlled):
     """Acceleration-driven damping (Savaresi, Silani, Bittanti 2005): c_max while the car body's lateral acceleration a_c and Δy_c'
@@ -104,7 +104,7 @@ class ADD(ValveControlled):
         return (measured - sensed) / self.sensor_lag
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class MixedSkyhookADD(ADD):
     """Mixed SH-ADD (Savaresi, Spelta 2007): skyhook where |a_c| <= ω |v_c|, acceleration-driven where it is larger.

@@ -23,6 +23,7 @@ from ..base.arguments import ARGUMENTS
 from ..base.checks import traced
 from ..base.errors import InputError
 from ..base.fields import LAWS, check_numbers, optional, parameter
+from ..base.pytrees import registered
 from ..base.typing import Number, Scalar
 from .kinematics import Groups
 from .suspension import blow_off_force
@@ -183,7 +184,7 @@ def check_damper(damper: object) -> None:
 ARGUMENTS["damper"] = lambda key, value: check_damper(value)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class PassiveDamper(Law):
     """The vehicle's own dampers, rho_cy with its blow-off if it has one; or linear ones of `damping` (N s/m per side)."""
@@ -221,7 +222,7 @@ class PassiveDamper(Law):
         return 2.0 * damping * velocity, internal
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class EquivalentDamper(Law):
     """A spring and a dashpot for each bogie's pair of dampers: what linearisation makes of a law. One number, or one for each bogie, (n, 1)."""

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from ..base.errors import InputError, nearest
 from ..base.fields import about_field, is_single, number_names, structure, wrong_sign
+from ..base.pytrees import registered
 from ..base.typing import Number
 from ..model.damper import Damper
 from ..model.parameters import bare, get_parameter, set_parameter
@@ -25,7 +26,7 @@ OF_DAMPER = "damper."
 LOGARITHMIC = 2.0
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class DesignSpace:
     """Vehicle and damper with some parameters free: x in [0, 1] stands for low to high, evenly or in the logarithm.

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 from ..base.batches import Batch
 from ..base.errors import InputError
 from ..base.fields import structure
+from ..base.pytrees import registered
 from ..base.typing import Number, Scalar
 from ..model.damper import Damper, answers, with_law
 from ..model.track.random import RandomTrack
@@ -92,7 +93,7 @@ class Forced(Quantity):
         return jnp.sqrt(jnp.mean(values**2)) if self.label == "comfort" else jnp.max(values)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, eq=False)
 class Response(Forced):
     """On random tracks, linear or statistically linearised: `peak_factor` times the r.m.s. of a channel, of its places the largest."""
@@ -167,7 +168,7 @@ def step(vehicle: Vehicle, speed: float, damper: Damper) -> float:
     return 1e-3 / max(1, int(np.ceil(1e-3 / (0.95 * largest))))
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, eq=False)
 class Run(Forced):
     """Through time, with smooth laws and in forward mode: r.m.s. of the run after `settle`, or its peak (travel and forces)."""

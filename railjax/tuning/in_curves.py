@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.errors import InputError
 from ..base.fields import structure
+from ..base.pytrees import registered
 from ..base.typing import Number
 from ..base.units import KMH
 from ..model.damper import Damper, with_law
@@ -80,7 +80,7 @@ def _single(key: str, value: Any) -> None:
         raise InputError(f"{key} must be one number, not {value!r}")
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, eq=False)
 class InCurve(Quantity):
     """The worst of all wheels in an arc."""
@@ -115,7 +115,7 @@ class InCurve(Quantity):
     each = value
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, eq=False)
 class CriticalInCurve(Quantity):
     """See `curve_critical`."""

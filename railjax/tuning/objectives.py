@@ -15,7 +15,6 @@ never differentiated through time: that is refused, and the message names what t
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -23,6 +22,7 @@ from jaxtyping import Array, Float
 from ..base.arguments import SPEED
 from ..base.errors import InputError
 from ..base.fields import structure
+from ..base.pytrees import registered
 from ..base.typing import Number, Scalar
 from ..base.units import KMH
 from ..model.damper import Damper, answers, with_law
@@ -282,7 +282,7 @@ def _one(speed: Any) -> float:
     return float(found[0])
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, eq=False)
 class HighestLinearCritical(Quantity):
     """See `linear_critical_speed`."""
@@ -303,7 +303,7 @@ class HighestLinearCritical(Quantity):
         return jnp.where(found.code == linear.Stability.STABLE, self.highest, found.speed)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, eq=False)
 class HighestNonlinearCritical(Quantity):
     """See `nonlinear_critical_speed`."""
@@ -326,7 +326,7 @@ class HighestNonlinearCritical(Quantity):
     each = value
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, eq=False)
 class GreatestDamping(Quantity):
     """See `least_damping`."""
@@ -345,7 +345,7 @@ class GreatestDamping(Quantity):
         return least_damped(jnp.linalg.eigvals(state_matrix(vehicle, self.speed, with_law(damper, "smooth")))).ratio
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, eq=False)
 class LimitCycleAmplitude(Quantity):
     """See `limit_cycle_amplitude`."""

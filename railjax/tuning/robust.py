@@ -17,6 +17,7 @@ from ..base.arguments import ARGUMENTS, guarded
 from ..base.checks import Kind
 from ..base.errors import InputError
 from ..base.fields import structure
+from ..base.pytrees import registered
 from ..base.typing import Number
 from ..model.damper import Damper
 from ..model.parameters import get_parameter, set_parameter
@@ -92,7 +93,7 @@ def _over(quantity: Quantity, scatter: Scatter, how: str) -> Quantity:
     return Robust(quantity, jnp.asarray(samples), paths, factors, how)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, eq=False)
 class Robust(Quantity):
     """See `expected` and `worst`."""

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...base.arguments import guarded
 from ...base.checks import a_path
+from ...base.pytrees import registered
 from ...model.damper import Bogies, answers, law_of
 from ...model.vehicle import Vehicle
 from ..clipped_lqr import ClippedLQR
@@ -26,7 +26,7 @@ Rows = Float[Array, "..."]
 Estimator = ComplementaryFilter | KalmanFilter
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, kw_only=True)
 class Controller(SampledLoop):
     """A law as hardware runs it: `Controller(Skyhook())`.

@@ -19,11 +19,12 @@ from ...base import smooth
 from ...base.arguments import guarded
 from ...base.checks import from_zero, whole
 from ...base.fields import matrix, optional, parameter, structure, table
+from ...base.pytrees import registered
 from ...base.typing import Number
 from ...model.damper import HARD, SOFT, Bogies
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, kw_only=True)
 class Device:
     """A semi-active damper and its driver, numbers per damper. Default: the paper's damper, its valve open and shut, and 5 kN (Table 2)."""
@@ -92,7 +93,7 @@ class Device:
         return jnp.where(along > self.damping_min * size, along, 2.0 * self.damping_min * velocity * sign) * sign
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, kw_only=True)
 class Faults:
     """What fails from `time` on: 0 is sound, 1 is failed; `every_fault` has one of each kind. Lanes may fail differently."""

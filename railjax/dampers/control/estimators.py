@@ -7,11 +7,11 @@ bogie, of which `estimate` makes travel, velocity and a `Seen` for any law, line
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...base.fields import parameter
+from ...base.pytrees import registered
 from ...base.typing import Number
 from ...model.damper import Bogies, Seen
 from ...model.kinematics import Groups, bogie_positions, layout
@@ -29,7 +29,7 @@ class Estimate(NamedTuple):
     seen: Seen
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, kw_only=True)
 class ComplementaryFilter:
     """Velocities from accelerometers where motion is fast and from the travel where it is slow, each bogie by itself.

@@ -13,6 +13,7 @@ from ...base.checks import Kind, from_zero, positive
 from ...base.errors import InputError
 from ...base.fields import matrix
 from ...base.precision import require_double_precision
+from ...base.pytrees import registered
 from ...base.typing import Number
 from ...model.damper import Bogies, Law, Seen
 from ...model.kinematics import damper_point, deflections, size, split
@@ -33,7 +34,7 @@ WANDERS = 0.05
 LEAST = 0.02
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, kw_only=True)
 class KalmanFilter:
     """x̂ after a sample from the one before: x̂ = F x̂ + H u + K y, with the forces u of the dampers (N per pair) and the readings y.
@@ -189,7 +190,7 @@ def product(numbers: Number, x: Rows) -> Rows:
     return jnp.sum(numbers.reshape(numbers.shape + (1,) * (x.ndim + 1 - numbers.ndim)) * x, axis=1)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class _Plant(Law):
     """Forces from outside, N per bogie, and the sensors' filters."""

@@ -15,6 +15,7 @@ from ...base.checks import a_path, whole
 from ...base.errors import InputError
 from ...base.fields import matrix, structure, table
 from ...base.precision import require_double_precision
+from ...base.pytrees import registered
 from ...base.typing import Number
 from ...model.damper import Bogies
 from ...model.parameters import without_labels
@@ -43,7 +44,7 @@ USUALLY = {
 WIDTH = 5e-3
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, kw_only=True)
 class LearnedDamper(SampledLoop):
     """A law with memory, linear and a small network beside it; made by `LearnedDamper.of(controller, vehicle)` and trained by `railjax.train`.

@@ -22,6 +22,7 @@ from ...base.arguments import guarded
 from ...base.checks import from_zero, positive, whole
 from ...base.errors import InputError, closest
 from ...base.fields import parameter, structure, table
+from ...base.pytrees import registered
 from ...base.typing import Number, Scalar
 from ...model.damper import Bogies, Seen
 from ...model.kinematics import Groups, of_carbody
@@ -56,7 +57,7 @@ USUAL = ("carbody_acceleration", "bogie_acceleration", "travel")
 GRAVITY = 9.81  # m/s^2
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
     """Sensors at each bogie, one of each of `names`; made by `Sensors.typical` or `Sensors.ideal`.

@@ -20,13 +20,14 @@ import numpy as np
 from ...base.errors import InputError, NumericalError
 from ...base.fields import parameter, structure
 from ...base.precision import require_double_precision
+from ...base.pytrees import registered
 from ...base.typing import Number
 from .hydraulics import HydraulicDamper, Pilot, PilotSizes, size_pilot
 from .magnetic_circuit import Circuit, Steel, circuit, turns_per_layer
 from .mr_device import DeviceForces, MrDevice, MrFluid, analyse, check
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class Requirements:
     """What the device must do, and the limits of making it. Iron limit, gap's and poles' limits are assumed, not the paper's."""

@@ -10,12 +10,12 @@ out. Everything is elementwise, so arguments may carry any lanes.
 
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...base import smooth
 from ...base.fields import parameter
+from ...base.pytrees import registered
 from ...base.typing import Number, Scalar
 
 #: Pa in the paper's unit of pressure
@@ -25,7 +25,7 @@ DAN_PER_CM2 = 1e5
 TRANSITION = 1.0
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class HydraulicDamper:
     """The passive damper T50/20x210 that the design starts from (Table 2), with its largest force and the velocity of it."""
@@ -36,7 +36,7 @@ class HydraulicDamper:
     velocity: Number = parameter("m/s", "v_p", "velocity of the maximal force", 0.1, positive=True)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class Pilot:
     """The controlled hydraulic resistance: a rectangular opening behind a piston pushed by spring and MR device.
@@ -55,7 +55,7 @@ class Pilot:
     stroke_width: Number = parameter("m", "", "smooth twin: rounding of the stroke's ends", 1e-5)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class PilotSizes:
     """What `size_pilot` finds; each line carries its symbol and SI unit."""

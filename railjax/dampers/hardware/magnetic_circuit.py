@@ -8,12 +8,12 @@ Magnetic curves are smooth formulas, recalled, not read at their source.
 
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...base.errors import InputError
 from ...base.fields import parameter
+from ...base.pytrees import registered
 from ...base.smooth import TINY
 from ...base.typing import Number, Scalar
 from .hydraulics import disc_area
@@ -22,7 +22,7 @@ from .mr_device import MrDevice, MrFluid, duct_width, total_force
 MU_0 = 4e-7 * jnp.pi  # V s/(A m)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class Steel:
     """Low-carbon steel by Fröhlich's curve B = μ_0 H + J H/(H + a); values assumed for AISI 1010 (1.5 T at 1.2 kA/m)."""
@@ -31,7 +31,7 @@ class Steel:
     knee: Number = parameter("A/m", "a", "field of half the saturation", 350.0, positive=True)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class Circuit:
     """State of the circuit at a field in the gap; each line carries its symbol and SI unit."""

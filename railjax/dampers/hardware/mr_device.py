@@ -14,19 +14,19 @@ A_p = π/4 ((d - 2h)² - d_b²), and the bracket counts.
 
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.errors import InputError
 from ...base.fields import parameter, structure
+from ...base.pytrees import registered
 from ...base.smooth import TINY
 from ...base.typing import Number, Scalar
 from .hydraulics import disc_area
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class MrFluid:
     """MRF-132LD as the paper uses it (Table 4): yield stress at the field that the device is designed for.
@@ -41,7 +41,7 @@ class MrFluid:
     volume_fraction: Number = parameter("1", "Phi", "volume fraction of iron", 0.32, positive=True)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class MrDevice:
     """Geometry of Tables 3 and 5; core, case and turns are not in the paper.
@@ -67,7 +67,7 @@ class MrDevice:
     moving: bool = structure(False)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class DeviceForces:
     """What `analyse` finds; each line carries its symbol and SI unit."""

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -17,6 +16,7 @@ from ...base.arguments import ARGUMENTS, guarded
 from ...base.checks import shown
 from ...base.errors import InputError
 from ...base.fields import check_numbers, parameter
+from ...base.pytrees import registered
 from ...base.typing import Number
 
 Distances = Float[Array, "..."]
@@ -57,7 +57,7 @@ def alignment(track: Track, distance: ArrayLike) -> Distances:
     return track.seen_from(jnp.zeros_like(distance))(distance)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class TangentTrack:
     """Straight, without irregularity."""
@@ -67,7 +67,7 @@ class TangentTrack:
         return lambda start: jnp.zeros(jnp.broadcast_shapes(offset.shape, jnp.shape(start)), offset.dtype)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class SinusoidTrack:
     """Periodic irregularity eta = A sin(2 pi s/L): amplitude A and wavelength L in m.
@@ -89,7 +89,7 @@ class SinusoidTrack:
         return lambda start: jnp.cos(wavenumber * start) * sine + jnp.sin(wavenumber * start) * cosine
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class BumpTrack:
     """A single period fixed in space, tangent to the track at both ends, so that its duration follows the speed.

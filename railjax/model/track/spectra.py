@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -20,6 +19,7 @@ from ...base.checks import positive, shown, traced
 from ...base.csv_columns import IN_PYTHON, read_columns
 from ...base.errors import InputError, closest
 from ...base.fields import check_numbers, parameter, structure, table
+from ...base.pytrees import registered
 from ...base.text_table import is_table
 from ...base.typing import Number, Scalar
 
@@ -40,7 +40,7 @@ class Spectrum(Protocol):
         ...
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class ErriSpectrum:
     """ERRI B176 (the "German" spectrum): S = A Ωc²/((Ω² + Ωr²)(Ω² + Ωc²)).
@@ -69,7 +69,7 @@ class ErriSpectrum:
         return self.roughness * c**2 / (c**2 - r**2) * of_corners
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class FraSpectrum:
     """Federal Railroad Administration (Hamid and others, 1983): S = k A Ωc²/(Ω² (Ω² + Ωc²)), k = 0.25, Ωc = 0.8245 rad/m.
@@ -101,7 +101,7 @@ def _arc(low: Float[Array, "..."], high: Float[Array, "..."], corner: Scalar) ->
     return jnp.arctan2((high - low) * corner, corner**2 + low * high)
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class TableSpectrum:
     """A spectrum given by points, straight lines between them in log S over log Ω; zero outside the table.
@@ -203,7 +203,7 @@ UNITS = {
 }
 
 
-@jax.tree_util.register_dataclass
+@registered
 @dataclass(frozen=True)
 class FormulaSpectrum:
     """A spectrum by a function of the user: Ω in rad/m to S in m²/(rad/m), in JAX or NumPy."""
