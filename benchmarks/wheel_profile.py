@@ -5,7 +5,8 @@
 The calibrated coach on S1002 and 60E1 1:40 (a prediction: nothing is fitted to profiles). What changes are six control heights of the wheel, by
 a spline; steering ability is Delta r at 5 mm, which decides how tight a curve a free wheelset can follow. Each step is a linear programme: the
 tangents of critical speed and steering, by the envelope theorem at the contact points, within a reach that grows with success. A step counts
-only if large disturbances die out 3 % below the speed that it claims: a search for folds can miss one.
+only if large disturbances die out 3 % below the speed that it claims: a search for folds can miss one. A wheel without conicity in the middle
+wanders there for a minute, with waves of seconds, before it rests: what must shrink is the motion, however small it has become.
 """
 
 import argparse
@@ -26,8 +27,10 @@ KMH = 3.6
 AT = np.linspace(-30e-3, 20e-3, 6)
 #: mm
 MOST, REACH, LEAST = 0.5, 0.04, 3e-3
-#: m, of the leading wheelset; s
-DISTURBANCES, DURATION = np.array([2e-3, 4e-3, 6e-3, 8e-3]), 20.0
+#: m, of each wheelset; s
+DISTURBANCES, DURATION = ([3e-3] * 4, [6e-3] * 4, [8e-3, 8e-3, -8e-3, -8e-3], [2e-3, 4e-3, 6e-3, 8e-3]), 60.0
+#: m; what has become so small has died out
+DIED_OUT = 1e-5
 
 
 def steering(vehicle: railjax.Vehicle) -> Any:
@@ -65,17 +68,20 @@ class Study:
 
 def holds(vehicle: railjax.Vehicle, speed: float) -> bool:
     """Whether large disturbances die out 3 % below a critical speed (km/h)."""
-    run = railjax.simulate(
-        vehicle,
-        0.97 * speed / KMH,
-        duration=DURATION,
-        dt=5e-4,
-        sample=1e-2,
-        initial={"wheelset_y": DISTURBANCES},
-        record=("wheelset_y",),
-    )
-    late = np.abs(np.asarray(run["wheelset_y"])[-100:]).max(axis=(0, 1))
-    return bool(np.all(np.asarray(run.ok)) and np.all(late < 0.2 * DISTURBANCES))
+    for disturbance in DISTURBANCES:
+        run = railjax.simulate(
+            vehicle,
+            0.97 * speed / KMH,
+            duration=DURATION,
+            dt=5e-4,
+            sample=1e-2,
+            initial={"wheelset_y": np.array(disturbance)},
+            record=("wheelset_y",),
+        )
+        _, middle, late = (np.ptp(third, axis=0).max() for third in np.array_split(np.asarray(run["wheelset_y"]), 3))
+        if not run.ok or late > max(0.5 * middle, DIED_OUT):
+            return False
+    return True
 
 
 def main() -> None:

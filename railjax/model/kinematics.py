@@ -143,8 +143,8 @@ def deflections(vehicle: Vehicle, q: Groups) -> Groups:
     the secondary lateral one with heights h_cd and h_bd.
     Primary (n, m): lateral  y_b + x_k psi_b + h_ob phi_b - y,  longitudinal  d_o (psi_b - psi);  vertical (n)  d_o phi_b.
     Cross bracing (n): shear  y_1 - y_2 - a (psi_1 + psi_2),  bending  psi_1 - psi_2.
-    Contact (n, m): y and psi of the wheelset on the track. Wheelsets do not roll on it, but the rails of a curve's ramp do, as its
-    "wheelset_phi": then the primary vertical deflection is  d_o (phi_b - mean of these).
+    Contact (n, m): y and psi of the wheelset on the track. Their roll, on profiles and with the rails of a curve's ramp, is no coordinate
+    but given as "wheelset_phi": then the primary vertical deflection is  d_o (phi_b - mean of these).
     """
     geometry, rails_phi = vehicle.geometry, q.get("wheelset_phi")
     y, psi = q["wheelset_y"], q["wheelset_psi"]

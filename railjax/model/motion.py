@@ -18,7 +18,7 @@ from ..base.compilation import fence, one_kernel
 from ..base.packing import Packed
 from ..base.typing import Scalar
 from .contact.creep import ContactForce, Creepage, contact_force, creepages
-from .contact.profile_contact import OfWheels, profile_contact
+from .contact.profile_contact import OfWheels, profile_contact, seated
 from .damper import Damper, PassiveDamper, Seen, answers, law_of
 from .kinematics import Groups, damper_point, deflections, join, size, split, transposed
 from .parameters import without_labels
@@ -114,7 +114,11 @@ def motion(
     q, rates = split(vehicle, flat), split(vehicle, flat_rates)
 
     with jax.named_scope("deflections"):
-        deflection, rate = deflections(vehicle, q), deflections(vehicle, rates)
+        seat, rolled, rolling = None, {}, {}
+        if vehicle.profiles is not None:
+            seat, roll, roll_rate = seated(vehicle, q["wheelset_y"] - alignment, rates["wheelset_y"])
+            rolled, rolling = {"wheelset_phi": roll}, {"wheelset_phi": roll_rate}
+        deflection, rate = deflections(vehicle, q | rolled), deflections(vehicle, rates | rolling)
         turning = rate["contact_psi"]
         if curve is not None:
             deflection, rate = curve.added(vehicle, deflection, rate)
@@ -140,7 +144,7 @@ def motion(
             creepage = creepages(vehicle, slowness, y_rel, psi, rate["contact_y"], turning)
             contact = contact_force(vehicle, creepage, y_rel, psi)
         else:
-            creepage, contact, wheels = profile_contact(vehicle, slowness, y_rel, psi, rate["contact_y"], turning, forces)
+            creepage, contact, wheels = profile_contact(vehicle, slowness, seat, y_rel, psi, rate["contact_y"], turning, forces)
         forces["contact_y"], forces["contact_psi"] = contact.lateral, contact.yaw
         if vehicle.gyroscopic and vehicle.profiles is None:
             spin = gyroscopic_coupling(vehicle, slowness)

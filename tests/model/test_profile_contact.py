@@ -9,7 +9,9 @@ import pytest
 
 import railjax
 from railjax import WheelProfile, contact_geometry, linear_critical_speed, with_profiles
-from railjax.model.contact.profile_contact import contact_at, profile_contact
+from railjax.model.contact.profile_contact import contact_at, profile_contact, seated
+from railjax.model.kinematics import join, layout
+from railjax.model.motion import motion
 
 #: Manchester contact benchmark, case A-2.2, as CONTACT answers it (published output), right wheel and left wheel: y (mm); creepages x and y
 #: (1e-3); spin (1e-3/mm); creep force and its part across (N)
@@ -55,7 +57,7 @@ def rigid(wheelset):
 def at(vehicle, y, psi, guided=0.0):
     y, psi = (jnp.asarray(one, float)[None, None] for one in (y, psi))
     still = jnp.zeros_like(y)
-    return profile_contact(vehicle, 0.5, y, psi, still, still, {"primary_y": still + guided})
+    return profile_contact(vehicle, 0.5, seated(vehicle, y, still)[0], y, psi, still, still, {"primary_y": still + guided})
 
 
 def test_manchester_benchmark(rigid):
@@ -85,6 +87,25 @@ def test_virtual_work_is_the_normal_forces(rigid):
     # on the flange of a rigid rail the table's steps of 0.05 mm are seen
     np.testing.assert_allclose(found.lateral[0, 0], lateral, rtol=0.02)
     np.testing.assert_allclose(found.lateral[0, 0, 1:5], lateral[1:5], rtol=1e-3)
+
+
+def test_springs_and_the_roll_of_wheelsets_are_reciprocal(coach):
+    """Maxwell: what a wheelset's displacement does to the bogie's roll moment, by rolling on its rails, a roll of the bogie does to it."""
+    vehicle = with_profiles(railjax.replace(coach, contact__flange_stiffness=1e12, contact__friction=1e-9))
+    still = jnp.zeros((2, 2))
+
+    def pulled(y, phi, law):
+        by_law = dataclasses.replace(vehicle, contact=dataclasses.replace(vehicle.contact, law=law))
+        groups = {name: jnp.zeros(shape) for name, shape in layout(vehicle).items()} | {"wheelset_y": y, "bogie_phi": phi}
+        x = jnp.concatenate([*join(vehicle, groups), jnp.zeros(17)])
+        found = motion(by_law, railjax.PassiveDamper(), 0.02, still, x).accelerations
+        return vehicle.bogie.roll_inertia * found["bogie_phi"], vehicle.wheelset.mass * found["wheelset_y"]
+
+    for y, law in ((1e-3 * jnp.array([[-6.0, -2.5], [1.5, 4.0]]), "sharp"), (still, "linear")):
+        slopes = jax.jacfwd(pulled, argnums=(0, 1))(y, jnp.array([2e-3, -1e-3]), law)
+        of_y, of_phi = np.asarray(slopes[0][0]), np.moveaxis(np.asarray(slopes[1][1]), 2, 0)
+        assert np.abs(of_y).max() > 1e4  # N, 3 kN of each mm at rest
+        np.testing.assert_allclose(of_y, of_phi, rtol=2e-3, atol=1e-3 * np.abs(of_y).max())
 
 
 def test_wheel_loads_carry_the_suspension(rigid):

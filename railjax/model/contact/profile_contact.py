@@ -4,7 +4,6 @@ Signs as in `creep`: forces are resistances, positive along the deflection. Whee
 stand in the table of the vehicle's `Profiles`; only its rows are read here, no contact is looked for.
 """
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -22,10 +21,12 @@ Wheelsets = Float[Array, "..."]
 Wheels = Float[Array, "..."]
 
 #: functions of a table, in the order of its rows' last axis; those of wheels for the right and then for the left one
-SHARED = ("radius", "normal", "acting", "roll_rate")
+SHARED = ("radius", "normal", "acting", "roll")
 OF_WHEEL = ("moved", "sine", "secant", "longitudinal", "lateral", "lateral_spin", "spin")
 # 18: XLA makes vectors of a row of so many, which of 12 or 16 it does not
 FUNCTIONS = len(SHARED) + 2 * len(OF_WHEEL)
+
+ROLL = SHARED.index("roll")
 
 #: share of the static load below which no wheel comes, and above which none, as far as creep forces go
 LEAST_LOAD, MOST_LOAD = 0.05, 1.95
@@ -39,7 +40,8 @@ class ContactAt(NamedTuple):
     radius: Wheelsets  # (r_R - r_L)/2, m
     normal: Wheelsets  # lateral resistance of the normal forces over the axle load: what lifts the wheelset
     acting: Wheelsets  # share of lateral creep forces that acts on y: 1 + r_0 roll' on rails that do not give way
-    roll_rate: Wheelsets  # d roll/dy, rad/m, right side up
+    roll: Wheelsets  # from that at rest, rad, right side up
+    roll_rate: Wheelsets  # d roll/dy, rad/m
     moved: Wheels  # lateral way of the wheel's surface over its rail by dy: 1 - u' + r_0 roll'
     sine: Wheels  # sin of the contact angle, positive where the wheel rises towards its flange
     secant: Wheels  # 1/cos of it
@@ -67,32 +69,54 @@ def contact_at(profiles: Profiles, y: Wheelsets) -> ContactAt:
     place = jnp.clip((y - profiles.start) / profiles.step, 0.0, float(count))
     index = jnp.clip(jnp.floor(place), 0.0, count - 1.0)
     within = place - index
-    if jnp.ndim(profiles.rows) == 3:
-        values = _shared(profiles.rows, index.astype(jnp.int32), within)
-    else:
-        values = _of_lanes(profiles.rows, index.astype(jnp.int32), within)
+    read = _shared if jnp.ndim(profiles.rows) == 3 else _of_lanes
+    values, slope = read(profiles.rows, index.astype(jnp.int32), within)
     of = jnp.moveaxis(values, -1, 0)
     first = len(SHARED)
     wheels = of[first:].reshape((len(OF_WHEEL), 2, *of.shape[1:]))
-    return ContactAt(*(of[k] for k in range(first)), *(wheels[k] for k in range(len(OF_WHEEL))))
+    return ContactAt(*(of[k] for k in range(first)), slope / profiles.step, *(wheels[k] for k in range(len(OF_WHEEL))))
+
+
+def seated(vehicle: Vehicle, y_rel: Wheelsets, y_rate: Wheelsets) -> tuple[ContactAt, Wheelsets, Wheelsets]:
+    """The contact at y on the track, and the roll that it gives the wheelsets and its rate, rad and rad/s.
+
+    Args:
+        vehicle: one with `profiles`
+        y_rel: displacements on the track, m, (n, m, *lanes)
+        y_rate: m/s; the track's own slope plays no part in the roll
+    """
+    if vehicle.contact.law != "linear":
+        at = contact_at(vehicle.profiles, y_rel)
+        return at, at.roll, at.roll_rate * y_rate
+    at = contact_at(vehicle.profiles, _tangent_at(vehicle, y_rel))
+    return at, at.roll_rate * y_rel, at.roll_rate * y_rate
+
+
+def _tangent_at(vehicle: Vehicle, like: Wheelsets) -> Wheelsets:
+    """Where the law "linear" is the tangent of the contact: at rest; with a negative clearance at the flange held in contact."""
+    profiles = vehicle.profiles
+    flange = jnp.asarray(vehicle.contact.flange_clearance) < 0.0
+    return jnp.zeros_like(like) + jnp.where(flange, profiles.steepest, profiles.rest)
 
 
 @fence
-def _shared(rows: Array, index: Array, within: Array) -> Array:
+def _shared(rows: Array, index: Array, within: Array) -> tuple[Array, Array]:
     """One slice a wheelset; functions last, so that a row lies in one piece."""
     found = rows.reshape(rows.shape[0], -1).at[index].get(mode="promise_in_bounds")
     return _cubic(found.reshape((*index.shape, *rows.shape[1:])), within)
 
 
-def _of_lanes(rows: Array, index: Array, within: Array) -> Array:
+def _of_lanes(rows: Array, index: Array, within: Array) -> tuple[Array, Array]:
     """Each lane has a table of its own, on the last axis."""
     lanes = jnp.arange(rows.shape[-1])
     return _cubic(jnp.moveaxis(rows, -1, 1).at[index, lanes].get(mode="promise_in_bounds"), within)
 
 
-def _cubic(row: Array, within: Array) -> Array:
+def _cubic(row: Array, within: Array) -> tuple[Array, Array]:
+    """The functions, and the slope of the roll by steps of the table."""
     t = within[..., None]
-    return row[..., 0, :] + t * (row[..., 1, :] + t * (row[..., 2, :] + t * row[..., 3, :]))
+    slope = row[..., 1, ROLL] + within * (2.0 * row[..., 2, ROLL] + 3.0 * within * row[..., 3, ROLL])
+    return row[..., 0, :] + t * (row[..., 1, :] + t * (row[..., 2, :] + t * row[..., 3, :])), slope
 
 
 class _Seen(NamedTuple):
@@ -109,6 +133,7 @@ class _Seen(NamedTuple):
 def profile_contact(
     vehicle: Vehicle,
     slowness: Scalar,
+    at: ContactAt,
     y_rel: Wheelsets,
     psi: Wheelsets,
     y_rate: Wheelsets,
@@ -125,13 +150,14 @@ def profile_contact(
     (Shen, Hedrick and Elkins). The normal force N follows from the wheel's load Q_s and what creep carries of it, Q_s from the moments about
     the wheelset's axis. By virtual work lateral creep forces T act on y with (1 + r_0 roll')T/cos delta, roll' of rigid rails, which contains
     what the load that they transfer does to the normals; these resist with W d(rise)/dy on y, and on psi with
-    -e psi (Q_R tan delta_R + Q_L tan delta_L).
+    -e psi (Q_R tan delta_R + Q_L tan delta_L). So does the roll moment M of the primary springs, which is -M roll' of y's resistance.
 
     The contact law "linear" is the tangent of all that at rest.
 
     Args:
         vehicle: one with `profiles`
         slowness: 1/v, s/m
+        at: as `seated` finds it
         y_rel: displacements on the track, m, (n, m, *lanes)
         psi: yaw, rad
         y_rate: m/s
@@ -142,11 +168,13 @@ def profile_contact(
     rolled = roll_moment(vehicle, suspension, guided)
     seen = _Seen(y_rel, psi, y_rate * slowness, turning * slowness, guided, rolled)
     if vehicle.contact.law != "linear":
-        return _forces(vehicle, slowness, seen)
-    # "linear" with a negative clearance is the flange held in contact
-    profiles, still = vehicle.profiles, jax.tree.map(jnp.zeros_like, seen)
-    at = jnp.where(jnp.asarray(vehicle.contact.flange_clearance) < 0.0, profiles.steepest, profiles.rest)
-    return jax.jvp(functools.partial(_forces, vehicle, slowness), (still._replace(y=still.y + at),), (seen,))[1]
+        return _forces(vehicle, slowness, at, seen)
+
+    def anywhere(seen: _Seen) -> tuple[Creepage, ContactForce, OfWheels]:
+        return _forces(vehicle, slowness, contact_at(vehicle.profiles, seen.y), seen)
+
+    still = jax.tree.map(jnp.zeros_like, seen)._replace(y=_tangent_at(vehicle, y_rel))
+    return jax.jvp(anywhere, (still,), (seen,))[1]
 
 
 def roll_moment(vehicle: Vehicle, suspension: dict[str, Float[Array, "..."]], like: Wheelsets) -> Wheelsets:
@@ -186,9 +214,9 @@ def _signs(like: Wheelsets) -> Wheels:
     return jnp.asarray(np.array([1.0, -1.0]).reshape((2,) + (1,) * like.ndim), like.dtype)
 
 
-def _forces(vehicle: Vehicle, slowness: Scalar, seen: _Seen) -> tuple[Creepage, ContactForce, OfWheels]:
+def _forces(vehicle: Vehicle, slowness: Scalar, at: ContactAt, seen: _Seen) -> tuple[Creepage, ContactForce, OfWheels]:
     contact, half_gauge, radius = vehicle.contact, vehicle.geometry.half_gauge, vehicle.wheelset.wheel_radius
-    at, signs = contact_at(vehicle.profiles, seen.y), _signs(seen.y)
+    signs = _signs(seen.y)
     tangent = at.sine * at.secant
     across = (at.moved * seen.drift - seen.psi) * at.secant
     spin = seen.turn - signs * at.sine / radius
@@ -205,7 +233,9 @@ def _forces(vehicle: Vehicle, slowness: Scalar, seen: _Seen) -> tuple[Creepage, 
     factor = factor / jnp.maximum(1.0 - signs * factor * lateral / normal * tangent, LEAST_SHARE)
     longitudinal, lateral = factor * longitudinal, factor * lateral
     turned = factor * (at.spin * spin - at.lateral_spin * across) - half_gauge * seen.psi * (loads * tangent)
-    guiding = 2.0 * load * at.normal + contact.flange_stiffness * _beyond(vehicle, seen.y)
+    # the springs' moment by the roll on rails that do not give way, as creep forces
+    lifting = seen.rolled * ((at.acting - 1.0) / radius)
+    guiding = 2.0 * load * at.normal - lifting + contact.flange_stiffness * _beyond(vehicle, seen.y)
     force, moment = at.acting * _both(at.secant * lateral) + guiding, _both(half_gauge * longitudinal + turned)
     if vehicle.gyroscopic:
         # the spin v/r_0 turns with the roll, as in `motion.gyroscopic_coupling`

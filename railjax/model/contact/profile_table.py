@@ -24,7 +24,7 @@ from .cubics import cubic_rows
 from .geometry import FLATTEST, PLACED, SPREAD, Pair, both_sides, contact_geometry, laid_out, steps_to
 from .kalker import creep_coefficients
 from .points import Lean, Pose, Side, leaning, posed, risen
-from .profile_contact import FUNCTIONS, OF_WHEEL, SHARED
+from .profile_contact import FUNCTIONS, OF_WHEEL, ROLL, SHARED
 from .table import slopes_of
 
 #: m; displacements of the table's intervals
@@ -46,7 +46,7 @@ ODD = 1e-6
 NORMAL = SHARED.index("normal")
 
 #: sign of each function in the mirror, where wheels change places
-MIRRORED = np.array([-1.0, -1.0, 1.0, 1.0] + [1.0] * 2 * len(OF_WHEEL))
+MIRRORED = np.array([-1.0, -1.0, 1.0, -1.0] + [1.0] * 2 * len(OF_WHEEL))
 #: powers of 1 - t in powers of t
 REVERSED = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, -1.0, -2.0, -3.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, -1.0]])
 SWAPPED = np.array([*range(len(SHARED)), *(len(SHARED) + 2 * k + 1 - w for k in range(len(OF_WHEEL)) for w in range(2))])
@@ -228,7 +228,7 @@ def _functions(xp: ModuleType, at: Values, lean: Lean, load: Values, radii: Valu
     # the rail that is leant on gives way
     share = 0.5 + 0.5 * xp.stack([lean.rise, -lean.rise]) / xp.sqrt(lean.rise**2 + LEANING**2)
     moved = 1.0 - share * yielding + xp.mean(radii) * roll_rate
-    shared = 0.5 * (found.radius[0] - found.radius[1]), lean.rise, 1.0 + xp.mean(radii) * lean.roll, roll_rate
+    shared = 0.5 * (found.radius[0] - found.radius[1]), lean.rise, 1.0 + xp.mean(radii) * lean.roll, found.pose.roll
     wheels = moved, xp.sin(found.angle), 1.0 / cosine, *creep
     return xp.stack([*shared, *(one[k] for one in wheels for k in range(2)), at], axis=1)
 
@@ -249,6 +249,12 @@ def _carried(vehicle: Vehicle, found: Values, angle: Values, alike: bool, simpli
     step = Y[1] - Y[0]
     slope = step * (slopes_of(len(Y), step) @ values)
     rows = cubic_rows(xp, values, slope, axis=1)
+    rest = _rest(xp, rows)
+    if not alike:
+        # springs are without force at rest
+        level = np.zeros(rows.shape[1:])
+        level[0, ROLL] = 1.0
+        rows = rows - level * _interpolated(xp, rest, values[:, ROLL])
 
     normal, by_y = constant(xp, (values[:, NORMAL], slope[:, NORMAL]))
     flanged = (normal[0] < -FLANGE) & (normal[-1] > FLANGE)
@@ -259,7 +265,7 @@ def _carried(vehicle: Vehicle, found: Values, angle: Values, alike: bool, simpli
         start=Y[0],
         step=step,
         rows=rows,
-        rest=_rest(xp, rows),
+        rest=rest,
         steepest=xp.asarray(Y)[xp.argmax(by_y)],
         last=xp.where(flanged, Y[-1], clearance),
         flange_angle=angle,

@@ -28,7 +28,9 @@ LEAVES = 1.015
 #: residual of an orbit that all but exists
 NEARLY = 1e-2
 #: m; motions of one family differ by less between a fold and just above it
-ALIKE = 1e-3
+ALIKE = 1.5e-3
+#: relative difference of speeds below which two folds are one
+SAME = 1e-9
 #: displacement, in clearances, with which motions begin; also with which where straight running is stable; and below which they are taken
 #: to have died out
 LARGE, LARGER, SMALL = 1.1, 2.0, 0.1
@@ -223,8 +225,8 @@ class FoldSearch:
 
 
 def _lower(one: Point | None, other: Point | None) -> bool:
-    """Whether one fold lies below another, or is the only one."""
-    return one is not None and (other is None or bool(one.unknowns[-1] < other.unknowns[-1]))
+    """Whether one fold lies below another and is not the same found again, or is the only one."""
+    return one is not None and (other is None or bool(one.unknowns[-1] < (1.0 - SAME) * other.unknowns[-1]))
 
 
 def motions_end(fold: Point) -> bool:
