@@ -17,7 +17,7 @@ from .values import Table
 #: key -> what it is
 PROFILE_KEYS = {
     "wheel": "S1002 or a file; [right, left] if they differ",
-    "rail": "60E1, 60E2 or a file; [right, left] if they differ",
+    "rail": "60E1, 60E2, UIC60-Manchester or a file; [right, left] if they differ",
     "inclination": "of the rails, 40 for 1:40, 0 for none",
     "gauge_mm": "14 mm below the rails' tops",
     "flange_back_mm": "between the backs of the flanges",

@@ -60,18 +60,22 @@ def at(vehicle, y, psi, guided=0.0):
     return profile_contact(vehicle, 0.5, seated(vehicle, y, still)[0], y, psi, still, still, {"primary_y": still + guided})
 
 
-def test_manchester_benchmark(rigid):
-    """Creepages within 3.5 %, creep forces and their parts across within 5 % of CONTACT's, whose signs are those of the forces on the wheel."""
+def test_manchester_benchmark(wheelset):
+    """On its own rail: up to the flange creepages within 3 %; creep forces within 1.5 %, and their difference as vectors within 6 % of
+    CONTACT's, whose signs are those of the forces on the wheel."""
     y = 1e-3 * RIGHT[:, 0]
-    creepage, _, wheels = at(rigid, y, 2.4 * y)
+    creepage, _, wheels = at(with_profiles(wheelset, "S1002", "UIC60-Manchester"), y, 2.4 * y)
     along = 0.5e-3 * (RIGHT[:, 1] - LEFT[:, 1])  # the mean is the wheelset's own speed
-    np.testing.assert_allclose(creepage.longitudinal[0, 0], along, rtol=0.035)
+    off = np.where(RIGHT[:, 0] <= 6.0, 0.03, 0.04)
+    assert np.all(np.abs(creepage.longitudinal[0, 0] / along - 1.0) < off)
     for side, published in enumerate((RIGHT, LEFT)):
-        force = np.hypot(wheels.lateral_force, wheels.longitudinal_force)[side, 0, 0]
+        force, across = (np.asarray(part[side, 0, 0]) for part in (wheels.longitudinal_force, wheels.lateral_force))
+        parallel = np.sqrt(published[:, 4] ** 2 - published[:, 5] ** 2)
+        apart = np.hypot(np.abs(force) - parallel, across - published[:, 5])
         np.testing.assert_allclose(-wheels.lateral[side, 0, 0], 1e-3 * published[:, 2], rtol=0.013)
-        np.testing.assert_allclose(-wheels.spin[side, 0, 0], published[:, 3], rtol=0.04)
-        np.testing.assert_allclose(force, published[:, 4], rtol=0.015)
-        np.testing.assert_allclose(wheels.lateral_force[side, 0, 0], published[:, 5], rtol=0.035)
+        assert np.all(np.abs(wheels.spin[side, 0, 0] / published[:, 3] + 1.0) < off)
+        np.testing.assert_allclose(np.hypot(force, across), published[:, 4], rtol=0.015)
+        assert np.all(apart < np.where(RIGHT[:, 0] <= 6.0, 0.06, 0.08) * published[:, 4])
 
 
 def test_virtual_work_is_the_normal_forces(rigid):

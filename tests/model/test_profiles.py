@@ -54,7 +54,7 @@ def test_s1002_is_the_standards(nominal):
     assert thickness == pytest.approx(32.5, abs=0.05)
 
 
-@pytest.mark.parametrize(("name", "top"), [("60E1", 0.3), ("60E2", 0.2)])
+@pytest.mark.parametrize(("name", "top"), [("60E1", 0.3), ("60E2", 0.2), ("UIC60-MANCHESTER", 0.3)])
 def test_rail_heads_are_the_standards(name, top):
     """EN 13674-1: 72 mm wide where the arcs end in the sides of 1:20; the arcs are tangent, so their end tells all of them."""
     lateral, height = rail_head(name)

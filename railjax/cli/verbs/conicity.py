@@ -28,7 +28,9 @@ def conicity(
     ],
     rail: Annotated[
         str,
-        typer.Argument(metavar="RAIL", help="60E1, 60E2, a file of points or a .prr.", autocompletion=completing(_rails)),
+        typer.Argument(
+            metavar="RAIL", help="60E1, 60E2, UIC60-Manchester, a file of points or a .prr.", autocompletion=completing(_rails)
+        ),
     ],
     gauge_mm: Annotated[float, typer.Option(help="Gauge, 14 mm below the tops of the rails, in mm.")] = 1435.0,
     inclination: Annotated[

@@ -27,9 +27,11 @@ S1002: tuple[tuple[float, float, Callable[[Samples], Samples]], ...] = (
     (32.15796, 60.0, lambda s: 1.364323640 - 0.066666667 * s),  # A: 1:15
 )
 
-#: heads of EN 13674-1: (radius, half the width at which its arc ends) from the top outwards, then to the side, 1:20
+#: heads of EN 13674-1: (radius, half the width at which its arc ends) from the top outwards, then to the side, 1:20; and that of the
+#: Manchester benchmarks, whose file "UIC60" differs from 60E1: its arcs end at widths of 20.98 and 51.96 mm, as fitted to 0.02 mm to that file's angles
 RAIL_HEADS = {
     "60E1": ((300.0, 20.456 / 2), (80.0, 52.053 / 2), (13.0, None)),
+    "UIC60-MANCHESTER": ((300.0, 20.98 / 2), (80.0, 51.96 / 2), (13.0, None)),
     "60E2": ((200.0, 23.778 / 2), (70.0, 48.913 / 2), (16.0, 70.774 / 2), (8.0, None)),
 }
 SIDE = 20.0

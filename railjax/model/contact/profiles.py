@@ -209,7 +209,7 @@ class RailProfile(_Profile):
     """A rail's head, upright: `height` (m, downwards from anywhere) over `lateral` (m, the field side positive, the gauge side negative),
     between the walls of its sides. Where it lies on the track follows from gauge and inclination. A pytree; lanes stack.
 
-    `RailProfile.load("60E1")`, "60E2" or a file; `RailProfile.from_points`.
+    `RailProfile.load("60E1")`, "60E2", "UIC60-Manchester" or a file; `RailProfile.from_points`.
     """
 
     @classmethod
@@ -223,10 +223,10 @@ class RailProfile(_Profile):
         columns: Mapping[str, str] | None = None,
         unit: str | None = None,
     ) -> "RailProfile":
-        """A packaged profile (60E1, 60E2) or a file: SIMPACK's .prr, or lateral position and height in two columns of a table.
+        """A packaged profile (60E1, 60E2, UIC60-Manchester) or a file: SIMPACK's .prr, or lateral position and height in two columns of a table.
 
         Args:
-            name_or_path: "60E1", "60E2" or a file; one measured as it lies in the track is used with an inclination of 0
+            name_or_path: "60E1", "60E2", "UIC60-Manchester" (of the benchmarks) or a file; one measured as it lies in the track is used with an inclination of 0
             smoothing: m; waves of the points of this length are halved, shorter ones go; None: 2 mm for tables, 0 for .prw and .prr
             mirrored: whether the gauge side is the positive one
             columns: names or numbers of the columns "lateral" and "height" of a table
