@@ -22,6 +22,9 @@ from .layout_files import read_layout
 from .segments import A_CANT, A_LENGTH, Line, Segment, a_radius, of_samples, of_segments
 from .shapes import Alignment, Distances, Track, a_track
 
+#: share of the line's fastest change of curvature (cant) below which a stretch is no transition
+LEAST_CHANGE = 0.02
+
 A_RAMP = OneOf(("linear", "smooth"))
 
 
@@ -186,6 +189,20 @@ class Layout:
         """Curvature kappa (1/m) and cant angle theta (rad) at any `distance` (m)."""
         found = self._at(jnp.asarray(distance, float))
         return found["kappa"], found["theta"]
+
+    def transitions(self) -> tuple[tuple[float, float], ...]:
+        """From and to the distances (m) of each stretch over which curvature or cant change by more than a fiftieth of the line's fastest
+        changes, whose corners' rounding counts."""
+        steps = np.diff(np.asarray(self.knots))
+        turning = np.zeros(len(steps), bool)
+        for powers in (self.curvature, self.cant_angle):
+            ends = np.asarray(powers)[:-1, 1:] * np.array([1.0, 2.0, 3.0])
+            x = np.stack([0.0 * steps, 0.5 * steps, steps], axis=1)
+            fastest = np.max(np.abs(ends[:, :1] + ends[:, 1:2] * x + ends[:, 2:] * x**2), axis=1)
+            turning |= fastest > LEAST_CHANGE * np.max(fastest, initial=1e-12)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], turning, [False]])))
+        knots = np.asarray(self.knots)
+        return tuple((float(knots[first]), float(knots[last])) for first, last in edges.reshape(-1, 2))
 
     def _at(self, distance: Distances) -> dict[str, Distances]:
         """All that is needed of the line at some places."""
