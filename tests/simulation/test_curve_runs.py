@@ -95,3 +95,22 @@ def test_comfort_in_the_transitions_of_a_layout(run, coach, tmp_path):
     assert code == 0
     said = json.loads(out)["curve_transitions_percent"]["standing"]
     np.testing.assert_allclose(said, found.curves["standing"], rtol=0.03)
+
+
+def test_a_long_wave_of_the_cross_level_is_a_cant(coach):
+    """On straight track over a record with a cross level as on a layout with that cant; twice of it does twice as much."""
+    s = np.arange(0.0, 600.0, 0.5)
+    level = 5e-3 * np.exp(-(((s - 300.0) / 100.0) ** 2))
+    rough = railjax.MeasuredTrack(s, 1e-5 * np.sin(s / 3.0), cross_level=level, fade=200.0)
+    still = railjax.MeasuredTrack(s, 1e-5 * np.sin(s / 3.0), cross_level=level, fade=200.0, rolls=False)
+    at = np.arange(0.0, 620.0, 0.5)
+    line = Layout.from_samples(at, 0.0 * at, railjax.alignment(rough.cross, at))
+    options = {"duration": 12.0, "record": ["carbody_acceleration", "wheelset_y"]}
+    over = railjax.simulate(coach, 50.0, track=rough, **options)
+    canted = railjax.simulate(coach, 50.0, track=still, layout=line, **options)
+    twice = railjax.simulate(coach, 50.0, track=rough.scaled(2.0), **options)
+    for name in options["record"]:
+        peak = np.max(np.abs(canted[name]))
+        np.testing.assert_allclose(over[name], canted[name], atol=0.02 * peak)
+        np.testing.assert_allclose(twice[name], 2.0 * over[name], atol=0.03 * peak)
+    assert np.max(np.abs(over["carbody_acceleration"])) > 0.02

@@ -230,13 +230,32 @@ class Layout:
             "theta_curve": 2.0 * t2 + 6.0 * x * t3,
         }
 
+    def _cross_levels(self, vehicle: Vehicle, centre: Distances, like: Distances) -> dict[str, tuple[Distances, ...]] | None:
+        """What the irregularity's cross level adds to the cant angle of each body's frame (rad), and to its derivatives by the distance: of a
+        wheelset at its own place, of what rests on several of them their mean; None without one."""
+        cross = getattr(self.irregularity, "cross", None)
+        if cross is None:
+            return None
+        level = cross.seen_from(jnp.broadcast_to(wheelset_positions(vehicle, like), like.shape))
+
+        def along(function: Alignment) -> Alignment:
+            return lambda s: jax.jvp(function, (s,), (jnp.ones_like(s),))[1]
+
+        orders = [order(centre) / CANT_BASE for order in (level, along(level), along(along(level)))]
+        return {
+            "wheelset": tuple(orders),
+            "bogie": tuple(jnp.mean(angle, axis=1) for angle in orders),
+            "carbody": tuple(jnp.mean(angle, axis=(0, 1)) for angle in orders),
+        }
+
     def curve_at(
         self, vehicle: Vehicle, centre: Scalar, speed: Scalar, acceleration: Scalar, like: Float[Array, "n m *lanes"]
     ) -> Curve:
         """What the line does to a vehicle whose car body's centre is at the distance `centre`.
 
         A body at the distance x ahead of it sees the line turned by the integral of kappa and aside by that of the turn. Seen from the rails a body
-        at the height H moves with H theta; a ramp rolls the frames against each other.
+        at the height H moves with H theta; a ramp rolls the frames against each other. The cross level of a measured irregularity adds to
+        the cant: each body's frame rolls with the mean of the rails under its wheelsets.
 
         Args:
             vehicle: gives the places and heights of its bodies.
@@ -251,6 +270,7 @@ class Layout:
         lanes = like.shape[2:]
         centre = jnp.broadcast_to(jnp.asarray(centre, like.dtype), lanes)
         here, height = self._at(centre), heights(vehicle)
+        rolled = self._cross_levels(vehicle, centre, like)
         place: dict[str, Any] = {}
         rate: dict[str, Any] = {}
         forced: dict[str, Any] = {}
@@ -260,6 +280,10 @@ class Layout:
             ("wheelset", jnp.broadcast_to(wheelset_positions(vehicle, like), like.shape)),
         ):
             there, h = self._at(centre + x), height[body]
+            if rolled is not None:
+                for name, more in zip(("theta", "theta_rate", "theta_curve"), rolled[body], strict=True):
+                    there[name] = there[name] + more
+                here = there if body == "carbody" else here
             turn = there["heading"] - here["heading"]
             roll, rolling = there["theta"] - here["theta"], speed * (there["theta_rate"] - here["theta_rate"])
             place[f"{body}_y"] = there["aside"] - here["aside"] - x * here["heading"] + h * roll
