@@ -7,6 +7,7 @@ from ..base.errors import InputError
 
 if TYPE_CHECKING:
     from ..model.damper import Damper
+    from ..model.track.layout import Layout
     from ..model.track.shapes import Track
     from ..model.vehicle import Vehicle
 
@@ -69,14 +70,19 @@ def make_track(
     return found, [f"track: {line.strip()}" for line in str(found).splitlines()]
 
 
-def upon_layout(path: Path, line: Any, assumed: list[str], *irregularity: Any) -> tuple[Any, list[str]]:
-    """The layout of a file with the irregularity upon it, if one was asked for by any of its options, and what it rests on."""
+def load_layout(path: Path) -> "Layout":
+    """The layout of `--layout`."""
     from .. import Layout
 
     try:
-        found = Layout.load(path)
+        return Layout.load(path)
     except InputError as error:
         raise InputError(f"--layout: {error}") from None
+
+
+def upon_layout(path: Path, line: Any, assumed: list[str], *irregularity: Any) -> tuple[Any, list[str]]:
+    """The layout of a file with the irregularity upon it, if one was asked for by any of its options, and what it rests on."""
+    found = load_layout(path)
     if all(option is None for option in irregularity):
         return found, [f"layout: {found}"]
     return found.with_irregularity(line), [f"layout: {found}", *assumed]

@@ -156,7 +156,7 @@ class MeasuredTrack(SampledTrack):
 
     @guarded(amplitude=Range("1", axes=1))
     def scaled(self, amplitude: Scalar) -> "MeasuredTrack":
-        """The same track with this scale factor instead of its own, also of the cross level; one value, or one per lane."""
+        """The same track with this `amplitude`, a factor, instead of its own, also of the cross level; one value, or one per lane."""
         found = super().scaled(amplitude)
         found._set(cross=None if self.cross is None else self.cross.scaled(amplitude))
         return found
