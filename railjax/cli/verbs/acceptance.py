@@ -1,7 +1,7 @@
 """`railjax acceptance`: running safety and ride on a random track on the command line."""
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -189,13 +189,13 @@ def acceptance(
         run.code.block_until_ready()
     if not bool(run.ok.any()):
         raise NumericalError(f"the run diverged at {min(speed_kmh):g} km/h: a displacement went beyond 1 m or 1 rad")
-    found = (
+    judged: Any = (
         assess(loaded, run, prudhomme_factor=prudhomme_factor, section_length=section_m, hunting_frequency=hunting_frequency_hz)
         if laid is None
         else zone_acceptance(loaded, run, laid, prudhomme_factor=prudhomme_factor)
     )
-    content = {**found.as_dict(), "track": str(line).splitlines()[0], "damper": damper, "calibrated": calibrated(loaded)}
+    content = {**judged.as_dict(), "track": str(line).splitlines()[0], "damper": damper, "calibrated": calibrated(loaded)}
     if laid is not None:
         content["layout"] = str(laid)
     place = f"track: {content['track']}; damper: {damper}"
-    show(content, [str(found), place, *[f"calibrated, not predicted: {entry}" for entry in content["calibrated"]]], as_json, out)
+    show(content, [str(judged), place, *[f"calibrated, not predicted: {entry}" for entry in content["calibrated"]]], as_json, out)
