@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from .ride.acceptance.assess import acceptance, acceptance_of_record
     from .ride.acceptance.record import RunningRecord, acceptance_channels
     from .ride.acceptance.result import Acceptance
+    from .ride.acceptance.zones import ZoneAcceptance, zone_acceptance
     from .ride.comfort import comfort, floor_acceleration
     from .ride.comfort_result import Comfort
     from .ride.frequency import FrequencyResponse, frequency_response
@@ -177,6 +178,7 @@ __all__ = [
     "VehicleReport",
     "WheelProfile",
     "YawDamper",
+    "ZoneAcceptance",
     "acceptance",
     "acceptance_channels",
     "acceptance_of_record",
@@ -244,6 +246,7 @@ __all__ = [
     "weighting_filter",
     "with_profiles",
     "worst",
+    "zone_acceptance",
 ]
 
 #: the imports above, as they are made
@@ -251,6 +254,7 @@ _NAMES = {
     "ride.acceptance.assess": "acceptance acceptance_of_record",
     "ride.acceptance.record": "RunningRecord acceptance_channels",
     "ride.acceptance.result": "Acceptance",
+    "ride.acceptance.zones": "ZoneAcceptance zone_acceptance",
     "plots.animation": "Film animate",
     "dampers.bouc_wen": "BoucWen",
     "tuning.calibrate": "Calibration calibrate",

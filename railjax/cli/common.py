@@ -67,6 +67,12 @@ TrackName = Annotated[
         help=f"A random track, {TRACKS}; or the file of a measured one, or of a spectrum.", autocompletion=complete_spectrum
     ),
 ]
+LayoutFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--layout", help="The line's layout, on which the track lies: a TOML file of segments, or samples; straight if not given."
+    ),
+]
 TrackSeed = Annotated[int | None, typer.Option(help="Which random track; 0 if not given.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]
 

@@ -1,11 +1,13 @@
 """Dampers and tracks of the command line's options."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..base.errors import InputError
 
 if TYPE_CHECKING:
     from ..model.damper import Damper
+    from ..model.track.layout import Layout
     from ..model.track.shapes import Track
     from ..model.vehicle import Vehicle
 
@@ -66,6 +68,24 @@ def make_track(
     except InputError as error:
         raise InputError(f"--track: {error}") from None
     return found, [f"track: {line.strip()}" for line in str(found).splitlines()]
+
+
+def load_layout(path: Path) -> "Layout":
+    """The layout of `--layout`."""
+    from .. import Layout
+
+    try:
+        return Layout.load(path)
+    except InputError as error:
+        raise InputError(f"--layout: {error}") from None
+
+
+def upon_layout(path: Path, line: Any, assumed: list[str], *irregularity: Any) -> tuple[Any, list[str]]:
+    """The layout of a file with the irregularity upon it, if one was asked for by any of its options, and what it rests on."""
+    found = load_layout(path)
+    if all(option is None for option in irregularity):
+        return found, [f"layout: {found}"]
+    return found.with_irregularity(line), [f"layout: {found}", *assumed]
 
 
 def _number(text: str) -> tuple[str, Any]:

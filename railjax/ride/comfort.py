@@ -15,9 +15,11 @@ from ..base.checks import Rising, Samples, from_zero, positive, shown, traced
 from ..base.errors import InputError
 from ..base.typing import Scalar
 from ..model.kinematics import CARBODY_TO_FLOOR, FLOOR_POINTS, lateral_of_carbody
+from ..model.track.layout import Layout
 from ..simulation.simulate import Simulation
 from .comfort_result import DIRECTIONS, Comfort
 from .indices import FLOOR, SEAT, combined_indices, curve_transitions, discrete_events, gravity_note
+from .transitions import passage
 from .vibration import (
     BLOCK,
     block_rms,
@@ -73,6 +75,7 @@ def comfort(
     mean: bool = True,
     settle: float | int = 0.0,
     transitions: Sequence[tuple[float | int, float | int]] = (),
+    layout: Layout | None = None,
     sperling_exponent: float | int = 1.0 / 6.67,
     sperling_power: float | int = 6.67,
 ) -> Comfort:
@@ -82,7 +85,8 @@ def comfort(
     percentile (between order statistics linearly) of successive 5 s; a test has 60 of them (5 min), 20 are the fewest of which
     one can lie beyond that percentile, and less than that is refused unless `mean` is False. Of the floor's directions a_v is the
     vector sum; N_VD takes all three, N_VA the vertical one and those of the seat. A measured lateral record has P_DE, and P_CT of
-    each of its `transitions`: both see the quasi-static acceleration, and so an offset of the sensor. The mean is taken off a
+    each of its `transitions`: both see the quasi-static acceleration, and so an offset of the sensor. A simulation has P_CT of those of
+    its `layout`, and needs the car body's roll for it. The mean is taken off a
     record, and gravity in a vertical one with it. Lanes that a simulation marks as failed are NaN. Not differentiable:
     `weighted_rms`, `sperling` and their neighbours in `railjax.ride.vibration` are.
 
@@ -100,11 +104,13 @@ def comfort(
         mean: False leaves N_MV out.
         settle: time left out at the start, after the weighting, s.
         transitions: of a measured lateral record, (from, to) of each transition curve, s.
+        layout: of a simulation, the line that it ran on.
         sperling_exponent: `exponent` of `sperling`, dimensionless.
         sperling_power: `power` of `sperling`, dimensionless.
 
     Raises:
-        InputError: for anything that is no finite number, rates below 100 Hz, records too short, unknown names.
+        InputError: for anything that is no finite number, rates below 100 Hz, records too short, unknown names, a layout without a
+            transition in the run.
     """
     places: tuple[str, ...] = ()
     ok: np.ndarray | bool = True
@@ -141,7 +147,9 @@ def comfort(
     if not isinstance(acceleration, Simulation):
         notes = [note for name, record in records.items() if (note := gravity_note(name, record)) is not None]
     if transitions and (isinstance(acceleration, Simulation) or "lateral" not in records):
-        raise InputError("transitions are for a record of the lateral acceleration")
+        raise InputError("transitions are for a record of the lateral acceleration; a simulation has those of its layout")
+    if layout is not None and not isinstance(acceleration, Simulation):
+        raise InputError("layout is for a Simulation; of a record give the transitions")
     report = _report(records, names, float(sampling_rate), settle, mean, (sperling_exponent, sperling_power), places, ok)
     if "lateral" in records and not isinstance(acceleration, Simulation):
         lateral, rate = records["lateral"], float(sampling_rate)
@@ -150,6 +158,11 @@ def comfort(
             rolled = None if roll is None else _checked(ROLL_RATE, roll, ok)
             curves = curve_transitions(lateral, rolled, rate, transitions)
             notes += [] if roll is not None else ["P_CT: without its part of the roll rate, which is not in the record"]
+    if isinstance(acceleration, Simulation) and layout is not None:
+        passed = passage(acceleration, layout, records["lateral"])
+        curves = curve_transitions(passed.lateral, passed.roll_rate, float(sampling_rate), passed.times)
+        curves = {who: np.where(ok, values, np.nan) for who, values in curves.items()}
+        notes += passed.notes
     lacking = [name for name in ("vertical", *SEAT) if name not in records]
     if any(name in records for name in SEAT) and lacking:
         notes.append(f"N_VA: not formed, as {', '.join(lacking)} is not in the record")

@@ -22,6 +22,7 @@ from ..model.kinematics import join, layout
 from ..model.motion import PASSIVE, state_size
 from ..model.parameters import without_labels
 from ..model.track.layout import Layout
+from ..model.track.segments import Segment
 from ..model.track.shapes import TangentTrack, Track
 from ..model.vehicle import Vehicle
 from .blocks import Sampled, finished, lane_shape, wheelsets_flat
@@ -83,11 +84,13 @@ def simulate(
             those of a body that is held, coordinates that do not exist, an initial state of another length, and times that are
             traced.
     """
+    if layout is None and getattr(track, "cross", None) is not None:
+        layout = Layout([Segment.straight(1.0)])  # what rolls the track is met on a layout
     if layout is not None:
         track = layout if track is None else layout.with_irregularity(track)
     track = TangentTrack() if track is None else track
     if isinstance(track, Layout):
-        require_double_precision("a layout")
+        require_double_precision("a layout, or a cross level (leave it out by rolls=False)")
     plan = _plan(vehicle, duration, dt, sample, tuple(record), tuple(reduce), settle)
     x = initial_state(vehicle, damper, initial)
     chunk = chunk_for(x.dtype) if chunk is None else chunk

@@ -12,6 +12,7 @@ never differentiated through time: that is refused, and the message names what t
 >>> aim.comfort(55.0), aim.linear_critical_speed() >= 72.0, aim.travel(55.0) <= 0.06  # doctest: +SKIP
 """
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -33,6 +34,7 @@ from ..simulation.channels import CHANNELS, check_channel
 from ..stability import linear_critical as linear
 from ..stability.hunting import limit_cycles
 from ..stability.hunting import nonlinear_critical as critical
+from ..stability.hunting.fold_search import KnownFolds
 from ..stability.modes import least_damped
 from .forced import response_over
 from .in_curves import CANT, CANT_DEFICIENCY, critical_in_curve, in_curve
@@ -309,6 +311,7 @@ class HighestNonlinearCritical(Quantity):
     """See `nonlinear_critical_speed`."""
 
     steps: int = structure(critical.FEWEST_STEPS)
+    known: KnownFolds | None = structure(None)
 
     traced: ClassVar[bool] = False
     unit: ClassVar[str] = "km/h"
@@ -320,8 +323,16 @@ class HighestNonlinearCritical(Quantity):
         return "nonlinear critical speed"
 
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "..."]:
-        found = critical.nonlinear_critical(vehicle, damper=with_law(damper, "smooth"), steps=self.steps)
+        found = critical.found_beside(self.known, vehicle, with_law(damper, "smooth"), steps=self.steps)
         return jnp.where(found.code == critical.Hunting.STABLE, linear.HIGHEST, found.speed)
+
+    def remembering(self) -> "HighestNonlinearCritical":
+        """Each trial takes its fold from its neighbour's."""
+        return dataclasses.replace(self, known=KnownFolds())
+
+    def sharp(self, vehicle: Vehicle, damper: Damper) -> float:
+        """Searched from nothing, whatever the trials remember."""
+        return float(dataclasses.replace(self, known=None).value(vehicle, damper))
 
     each = value
 

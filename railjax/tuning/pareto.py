@@ -126,7 +126,8 @@ def pareto(
     objective, constraints = checked(objective, constraints, damper)
     against, _ = checked(against, (), damper)
     space = DesignSpace.of(vehicle, damper, parameters)
-    search = _Descents(space, objective, against, constraints, tolerance)
+    trials = objective.remembering(), against.remembering(), [entry.remembering() for entry in constraints]
+    search = _Descents(space, *trials, tolerance)
     low, high = search.ends()
     found = search.between(low, high, points)
     rows = [(*search.values(x), not missed, x) for x, missed in found]

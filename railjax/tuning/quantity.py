@@ -60,6 +60,10 @@ class Quantity:
         """The quantity by a method that the damper's law allows. Raises `InputError` where there is none."""
         return self
 
+    def remembering(self) -> "Quantity":
+        """The quantity for the trials of one search, where what one found makes the next cheaper."""
+        return self
+
     def ended(self, vehicle: Vehicle, damper: Damper) -> tuple[Float[Array, ""], Any]:
         """`value`, and what `check` wants to know of its computation; of those in forward mode."""
         return self.value(vehicle, damper), None
@@ -104,6 +108,10 @@ class Constraint:
     def scale(self) -> float:
         """What counts as one of the violation."""
         return abs(self.limit) or 1.0
+
+    def remembering(self) -> "Constraint":
+        """For the trials of one search."""
+        return dataclasses.replace(self, quantity=self.quantity.remembering())
 
     def violation(self, value: Any) -> Any:
         """In shares of the limit: above 0 the constraint is not met."""

@@ -132,6 +132,10 @@ class Robust(Quantity):
         """By the quantity's own method for this damper."""
         return replace(self, quantity=self.quantity.suited(damper))
 
+    def remembering(self) -> "Robust":
+        """That remembers what the quantity does."""
+        return replace(self, quantity=self.quantity.remembering())
+
     def scattered(self, vehicle: Vehicle) -> Vehicle:
         """The vehicle with one lane per sample."""
         return scattered(vehicle, self.paths, self.factors, jnp.asarray(self.samples))

@@ -137,7 +137,7 @@ def tune(
     space = DesignSpace.of(vehicle, damper, parameters)
     name, run = _engine(optimiser, tolerance, most_steps)
     points = start_points(space, starts, seed)
-    evaluate = Evaluator(space, objective, constraints)
+    evaluate = Evaluator(space, objective.remembering(), [entry.remembering() for entry in constraints])
     first = evaluate.objective_of(evaluate(points)[0][0])
     evaluate.check(points[0])
     evaluate.scale = abs(first) if np.isfinite(first) and first != 0.0 else 1.0

@@ -62,6 +62,39 @@ def test_what_a_vehicle_sees_of_the_line(coach, ramp):
         np.testing.assert_allclose(found.acceleration["carbody_y"], sideways, atol=5e-5)
 
 
+def test_a_cross_level_rolls_each_body_with_the_rails_under_its_wheelsets(coach):
+    """By NumPy from the record's values under the wheelsets; the line itself is as it was."""
+    s, like = np.arange(0.0, 200.0, 0.5), jnp.zeros((2, 2))
+    record = s, 1e-3 * np.sin(s / 4.0)
+    level = 4e-3 * np.cos(2.0 * np.pi * s / 9.0)
+    rough = railjax.MeasuredTrack(*record, cross_level=level)
+    plain, rolled = (Layout(COMPOUND, irregularity=one).curve_at(coach, 107.3, 30.0, 0.4, like) for one in (None, rough))
+    geometry, step = coach.geometry, 1e-2
+    along = np.add.outer(geometry.half_pivot_distance * np.array([1, -1]), geometry.half_wheelbase * np.array([1, -1]))
+    # the record begins 20 m in front of the run's start; faded in over 50 m, it is full at 70 m
+    under = lambda ahead: 4e-3 * np.cos(2.0 * np.pi * (107.3 + ahead + along - 20.0) / 9.0) / 1.5  # noqa: E731
+    mean = np.mean(level)
+    theta = under(0.0) - mean / 1.5
+    twist = (under(step) - 2.0 * under(0.0) + under(-step)) / step**2
+    slope = (under(step) - under(-step)) / (2.0 * step)
+    body = np.mean(theta)
+    for name, values in (("wheelset", theta), ("bogie", np.mean(theta, axis=1))):
+        moved = rolled.place[f"{name}_phi"] - plain.place[f"{name}_phi"]
+        np.testing.assert_allclose(moved, body - values, atol=2e-6)
+        np.testing.assert_allclose(
+            rolled.place[f"{name}_y"] - plain.place[f"{name}_y"], heights(coach)[name] * (values - body), atol=2e-6
+        )
+    height = heights(coach)["carbody"]
+    felt = rolled.acceleration["carbody_y"] - plain.acceleration["carbody_y"]
+    expected = -GRAVITY * body + height * (30.0**2 * np.mean(twist) + 0.4 * np.mean(slope))
+    np.testing.assert_allclose(felt, expected, rtol=0.01)
+    np.testing.assert_array_equal(rolled.curvature, plain.curvature)
+    still = railjax.MeasuredTrack(*record, cross_level=level, rolls=False)
+    np.testing.assert_array_equal(Layout(COMPOUND, irregularity=still).curve_at(coach, 107.3, 30.0, 0.4, like).place["bogie_phi"], plain.place["bogie_phi"])  # fmt: skip
+    with pytest.raises(railjax.InputError, match=r"cross level reaches .* take it out by longest"):
+        railjax.MeasuredTrack(*record, cross_level=30.0 * level)
+
+
 def test_within_an_arc_it_is_that_of_steady_curving(coach):
     layout, like = Layout([Segment.straight(10.0), TURN, Segment.arc(100.0, 300.0, 0.1)]), jnp.zeros((2, 2))
     found, expected = layout.curve_at(coach, 120.0, 25.0, 0.0, like), arc(coach, 25.0, 1 / 300.0, 0.1 / 1.5, like)

@@ -291,7 +291,9 @@ def test_a_file_with_both_rails_cross_level_and_gauge(tmp_path):
     np.testing.assert_allclose(track.coefficients, railjax.MeasuredTrack(distance, eta).coefficients, atol=1e-8)
     np.testing.assert_allclose(track.cross_level, 3e-3)
     np.testing.assert_allclose(track.gauge, 1.435 + eta, atol=1e-9)
-    assert "the lateral model does not use it" in str(track)
+    assert track.cross is None  # a constant is none
+    assert "gauge: kept, but the model does not use it" in str(track)
+    assert "rolls the track, positive where the left rail is higher (assumed)" in str(track)
     assert "mean of the left and the right rail" in str(track)
     told = railjax.MeasuredTrack.from_csv(path, columns={"alignment": "Gauge"}, units={"alignment": "cm"})
     np.testing.assert_allclose(told.coefficients, 10.0 * np.asarray(track.coefficients), atol=1e-7)

@@ -9,7 +9,7 @@ import pytest
 
 import railjax
 from railjax.cli.application import status
-from railjax.ride.acceptance.criteria import CRITERIA, bogie_limit, prudhomme_limit
+from railjax.ride.acceptance.criteria import CRITERIA, bogie_limit, prudhomme_limit, quasistatic_limit
 from railjax.ride.acceptance.signals import by_section, filtered, hunting_frequency, sliding_mean, sliding_rms
 
 RATE, SPEED, AXLE_LOAD, MASS = 200.0, 50.0, 102.5e3, 5120.0
@@ -107,15 +107,21 @@ def test_sliding_rms_of_a_sine():
     np.testing.assert_allclose(means[:, 0] ** 2, exact, atol=2e-3)
 
 
+QUARTERS = 250.0 * np.arange(4), 250.0 * np.arange(1, 5)
+
+
 def test_percentiles_of_known_distributions():
     rng = np.random.default_rng(5)
     uniform = rng.permuted(np.tile(np.linspace(-1.0, 1.0, 2001), (4, 1)), axis=1).reshape(-1, 1)
     position = 250.0 / 2001 * (np.arange(len(uniform)) + 0.5)
-    np.testing.assert_allclose(by_section(uniform, position, 250.0, 4, False), 0.997, rtol=1e-12)
-    np.testing.assert_allclose(by_section(uniform - 0.1, position, 250.0, 4, False), 1.097, rtol=1e-12)
-    np.testing.assert_allclose(by_section(uniform, position, 250.0, 4, True) ** 2, 1 / 3, rtol=1e-2)
+    np.testing.assert_allclose(by_section(uniform, position, *QUARTERS, "percentiles"), 0.997, rtol=1e-12)
+    np.testing.assert_allclose(by_section(uniform - 0.1, position, *QUARTERS, "median"), 0.1, rtol=1e-9)
+    np.testing.assert_allclose(by_section(uniform - 0.1, position, *QUARTERS, "percentiles"), 1.097, rtol=1e-12)
+    np.testing.assert_allclose(by_section(uniform, position, *QUARTERS, "rms") ** 2, 1 / 3, rtol=1e-2)
     gauss = rng.standard_normal((400000, 1))
-    assert by_section(gauss, np.linspace(0.0, 1.0, 400000), 1.0, 1, False)[0, 0] == pytest.approx(2.968, rel=0.02)
+    assert by_section(gauss, np.linspace(0.0, 1.0, 400000), np.zeros(1), np.ones(1), "percentiles")[0, 0] == pytest.approx(
+        2.968, rel=0.02
+    )
 
 
 def test_hunting_frequency_is_that_of_the_highest_peak():
@@ -515,3 +521,60 @@ def test_bad_options_are_one_line_and_status_2(capsys, options, message):
     assert out == ""
     assert len(error.splitlines()) == 1
     assert message in error
+
+
+def test_zones_of_a_layout(capsys, coach, tmp_path):
+    """Straight track, R 700 to the right, 500 to the left and 300: sections within full arcs, quasi-static values as steady curving has them,
+    limits of each zone, SumY of an arc by NumPy from the run."""
+    turn = railjax.Segment.transition(80.0)
+    arcs = [railjax.Segment.arc(260.0, radius, 0.1) for radius in (700.0, -500.0, 300.0)]
+    line = railjax.Layout([railjax.Segment.straight(650.0), turn, arcs[0], turn, railjax.Segment.straight(50.0), turn, arcs[1], turn, railjax.Segment.straight(50.0), turn, arcs[2], turn])  # fmt: skip
+    channels = railjax.acceptance_channels(coach, curves=True)
+    run = railjax.simulate(coach, 22.0, track=railjax.RandomTrack("erri-low"), layout=line, duration=98.0, dt=2.5e-3, sample=5e-3, record=channels)  # fmt: skip
+    found = railjax.zone_acceptance(coach, run, line, minimum_sections=2)
+    assert {number: int(zone.sections) for number, zone in found.zones.items()} == {1: 2, 2: 2, 3: 2, 4: 3}
+    assert found.verdict == "met"
+    for number, radius in ((2, 700.0), (3, -500.0), (4, 300.0)):
+        steady = railjax.curving(coach, 22.0, radius=radius, cant=0.1)
+        value = float(found.zones[number].findings["carbody_quasistatic"].value)
+        assert value == pytest.approx(abs(float(steady.carbody_acceleration)), abs=0.02)
+    bogie = 12.0 - (coach.bogie.mass + 2 * coach.wheelset.mass) / 5e3
+    limits = [(zone.findings["bogie_safety"].limit, zone.findings["carbody_safety"].limit) for zone in found.zones.values()]
+    np.testing.assert_allclose(limits, [(bogie, 3.0), (bogie, 3.0), (bogie - 3.0, 2.8), (bogie - 3.0, 2.6)])
+    assert "instability_force" in found.zones[2].findings
+    assert "instability_force" not in found.zones[3].findings
+    # the arc to the left: full from 1202 m on, its last wheelset 12 m behind
+    arc = next(stretch for stretch in found.stretches if stretch.zone == 3)
+    half = coach.geometry.half_pivot_distance + coach.geometry.half_wheelbase
+    assert (arc.start, arc.end) == pytest.approx((1202.0 + half, 1458.0 - half))
+    # two sections of 100 m at the beginning of the arc; the bogies feel the curve
+    along = 22.0 * np.asarray(run.time)
+    raw = np.asarray(run["guiding_force"]).reshape(len(along), -1)
+    smooth = filtered(raw, 200.0, None, 20.0)
+    starts, means = sliding_mean(smooth, 0.11, 2.0, 0.5)
+    each = [
+        np.abs(np.percentile(means[(starts + 1.0 >= low) & (starts + 1.0 < low + 100.0)], (0.15, 99.85), axis=0)).max(axis=0)
+        for low in (arc.start, arc.start + 100.0)
+    ]
+    by_hand = np.max(np.mean(each, axis=0) + 3.0 * np.std(each, axis=0, ddof=1))
+    assert float(found.zones[3].findings["guiding_force_sum"].value) == pytest.approx(by_hand, rel=0.02)
+    assert float(found.zones[4].findings["bogie_safety"].value) > 0.9 * (22.0**2 / 300.0 - 9.81 * 0.1 / 1.5)
+    text = str(found)
+    assert "Zone 3, small radius, R 500 to 500 m" in text
+    assert text.count("no vertical dynamics") == 1
+    assert "the record has the sum of both wheels only" in text
+    with pytest.raises(railjax.InputError, match="no section of any zone"):
+        railjax.zone_acceptance(coach, run, railjax.Layout.curve(200.0, lead=20.0, arc=9e3))
+    # a full assessment takes more sections
+    assert railjax.zone_acceptance(coach, run, line).verdict == "not determined"
+    path = tmp_path / "line.toml"
+    path.write_text('[[segment]]\nkind = "straight"\nlength_m = 20\n[[segment]]\nkind = "transition"\nlength_m = 80\n[[segment]]\nkind = "arc"\nlength_m = 400\nradius_m = 350\ncant_mm = 100\n')  # fmt: skip
+    options = ["acceptance", "coach", "--layout", str(path), "--speed-kmh", "80", "--track", "erri-low", "--json"]
+    assert status(options) == 0
+    assert list(json.loads(capsys.readouterr().out)["zones"]) == ["4"]
+    assert status([*options, "--section-m", "100"]) == 2
+    assert "zones have sections of their own" in capsys.readouterr().err
+
+
+def test_quasistatic_limit_of_a_wheel():
+    assert quasistatic_limit(300.0) == pytest.approx(65e3)

@@ -10,6 +10,10 @@ from jaxtyping import TypeCheckError
 
 import railjax
 from railjax import Hunting
+from railjax.model.motion import PASSIVE
+from railjax.stability.hunting import fold_search, settling
+from railjax.stability.hunting.fold_search import KnownFolds
+from railjax.stability.hunting.nonlinear_critical import found_beside
 
 CHECKED = [path for path, _ in railjax.parameters() if path.startswith(("primary.", "secondary."))] + [
     "contact.friction",
@@ -228,3 +232,20 @@ def test_single_precision_is_refused():
 def test_annotations_are_checked():
     with pytest.raises(TypeCheckError):
         railjax.stability.hunting.orbits.rounded("coach")
+
+
+def test_trials_of_an_optimiser_take_their_folds_from_their_neighbours(monkeypatch):
+    """Each is what a search from nothing finds; the same vehicle again is no search at all."""
+    wheelset, known, rounds = load("single-wheelset"), KnownFolds(), []
+    monkeypatch.setattr(fold_search, "drawn", lambda *given: rounds.append(len(given[1])) or settling.drawn(*given))
+    counts = []
+    for friction in (0.3, 0.27, 0.3):
+        trial = railjax.replace(wheelset, contact__friction=friction)
+        rounds.clear()
+        beside = found_beside(known, trial, PASSIVE, steps=FEW)
+        counts.append(len(rounds))
+        alone = railjax.nonlinear_critical(trial, steps=FEW)
+        assert float(beside.speed) == pytest.approx(float(alone.speed), rel=1e-9)
+        assert float(beside.amplitude) == pytest.approx(float(alone.amplitude), rel=1e-5)
+    # from nothing: motions about the Hopf point, then about the fold; from the neighbour: only the latter
+    assert counts == [2, 1, 0]

@@ -1,7 +1,7 @@
 """`railjax acceptance`: running safety and ride on a random track on the command line."""
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,6 +13,7 @@ from ..common import (
     Alpha,
     AsJson,
     DamperName,
+    LayoutFile,
     TrackSeed,
     calibrated,
     complete_track,
@@ -24,7 +25,7 @@ from ..common import (
     working,
 )
 from ..files import BridgeM, BridgeS, ChordM, Columns, LongestM, ShortestM, TimeUnit, Units, named, track_file, units_of
-from ..inputs import chosen_damper, make_track
+from ..inputs import chosen_damper, load_layout, make_track
 from ..out import OutJson, check_out
 
 
@@ -59,8 +60,10 @@ def acceptance(
     longest_m: LongestM = None,
     shortest_m: ShortestM = None,
     bridge_m: BridgeM = None,
+    layout: LayoutFile = None,
     length_m: Annotated[
-        float | None, typer.Option(help="Length of the run in m (default: 25 sections and the margins; all of a measured track).")
+        float | None,
+        typer.Option(help="Length of the run in m (default: 25 sections and the margins; all of a measured track or a layout)."),
     ] = None,
     section_m: Annotated[
         float | None, typer.Option(help="Length of a section in m (default: 250 up to 220 km/h, 500 beyond).")
@@ -77,9 +80,13 @@ def acceptance(
 
     A record has columns like 'time (s),guiding force 1 (kN),bogie 1 (m/s2),carbody 1 (m/s2)', numbered from the front.
 
+    With --layout the sections are cut out of its straights and arcs, by the test zones 1 to 4 of EN 14363.
+
     Exit status 0 also where a limit is exceeded: that is a result.
 
     Example: railjax acceptance coach --speed-kmh 160 --speed-kmh 200 --track erri-high
+
+    Example: railjax acceptance coach-s1002 --layout line.toml --track erri-low --speed-kmh 90
     """
     import jax.numpy as jnp
 
@@ -90,6 +97,7 @@ def acceptance(
     from ...ride.acceptance.assess import acceptance as assess
     from ...ride.acceptance.criteria import SAMPLING, SECTIONS, SHORTEST
     from ...ride.acceptance.record import acceptance_channels
+    from ...ride.acceptance.zones import zone_acceptance
     from ...ride.rides import ACCELERATIONS, TEST_NAMES, read_running_record
 
     for speed in speed_kmh:
@@ -100,8 +108,8 @@ def acceptance(
     finite(fs=fs, axle_load_n=axle_load_n, bogie_mass_t=bogie_mass_t)
     check_out(out)
     if is_table(vehicle):
-        if len(speed_kmh) > 1 or track is not None:
-            raise InputError(f"{vehicle} is the record of one run: give one --speed-kmh and no --track")
+        if len(speed_kmh) > 1 or track is not None or layout is not None:
+            raise InputError(f"{vehicle} is the record of one run: give one --speed-kmh, no --track and no --layout")
         prepare()
         read = {"sample_rate": fs, **({} if bridge_s is None else {"bridge": bridge_s})}
         record, notes = read_running_record(
@@ -143,7 +151,13 @@ def acceptance(
         raise InputError(f"--section-m must be {SHORTEST:g} or more, not {section_m:g}")
     sections = [section_m or float(default_section(speed)) for speed in speeds]
     ends = [2.0 * MARGIN * speed for speed in speeds]
-    line = None
+    line, laid = None, None
+    if layout is not None:
+        for option, value in (("section-m", section_m), ("hunting-frequency-hz", hunting_frequency_hz)):
+            if value is not None:
+                raise InputError(f"--{option} is for straight track: on a --layout zones have sections of their own")
+        laid, sections = load_layout(layout), [0.0]
+        length_m = length_m or float(laid.knots[-1])
     if is_table(track) and isinstance(read_line := make_track(track, track_seed, file=how)[0], MeasuredTrack):
         line = read_line
         # beyond its end the track is straight, which would pass as smooth
@@ -154,7 +168,7 @@ def acceptance(
     if length_m is None:
         # a metre more, so that rounding leaves all sections whole
         length_m = max(SECTIONS * section + end for section, end in zip(sections, ends, strict=True)) + 1.0
-    shortest = max(section + end for section, end in zip(sections, ends, strict=True))
+    shortest = max(sections) + max(ends)
     if length_m < shortest:
         raise InputError(f"--length-m {length_m:g} does not hold a section and the margins; give {math.ceil(shortest)} or more")
     samples = math.ceil(length_m / (min(speeds) * every * dt_s))
@@ -169,14 +183,19 @@ def acceptance(
             duration=samples * every * dt_s,
             dt=dt_s,
             sample=every * dt_s,
-            record=acceptance_channels(loaded),
+            layout=laid,
+            record=acceptance_channels(loaded, curves=laid is not None),
         )
         run.code.block_until_ready()
     if not bool(run.ok.any()):
         raise NumericalError(f"the run diverged at {min(speed_kmh):g} km/h: a displacement went beyond 1 m or 1 rad")
-    found = assess(
-        loaded, run, prudhomme_factor=prudhomme_factor, section_length=section_m, hunting_frequency=hunting_frequency_hz
+    judged: Any = (
+        assess(loaded, run, prudhomme_factor=prudhomme_factor, section_length=section_m, hunting_frequency=hunting_frequency_hz)
+        if laid is None
+        else zone_acceptance(loaded, run, laid, prudhomme_factor=prudhomme_factor)
     )
-    content = {**found.as_dict(), "track": str(line).splitlines()[0], "damper": damper, "calibrated": calibrated(loaded)}
+    content = {**judged.as_dict(), "track": str(line).splitlines()[0], "damper": damper, "calibrated": calibrated(loaded)}
+    if laid is not None:
+        content["layout"] = str(laid)
     place = f"track: {content['track']}; damper: {damper}"
-    show(content, [str(found), place, *[f"calibrated, not predicted: {entry}" for entry in content["calibrated"]]], as_json, out)
+    show(content, [str(judged), place, *[f"calibrated, not predicted: {entry}" for entry in content["calibrated"]]], as_json, out)

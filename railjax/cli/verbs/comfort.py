@@ -12,6 +12,7 @@ from ..common import (
     Alpha,
     AsJson,
     DamperName,
+    LayoutFile,
     TrackSeed,
     calibrated,
     complete_track,
@@ -35,7 +36,7 @@ from ..files import (
     track_file,
     units_of,
 )
-from ..inputs import chosen_damper, make_track
+from ..inputs import chosen_damper, make_track, upon_layout
 from ..out import PICTURES, as_picture, check_out, out_option
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def comfort(
             autocompletion=complete_track,
         ),
     ] = None,
+    layout: LayoutFile = None,
     track_seed: TrackSeed = None,
     chord_m: ChordM = None,
     longest_m: LongestM = None,
@@ -98,6 +100,10 @@ def comfort(
     Example: railjax comfort phone.txt --columns lateral=gFx,vertical=gFz --weighting vertical=Wk
 
     Example: railjax comfort coach --speed-kmh 200 --track erri-high
+
+    With --layout the vehicle runs over that line, even unless an irregularity is given, and P_CT of each transition in the run is formed.
+
+    Example: railjax comfort coach --speed-kmh 90 --layout curve.toml --track erri-low --duration-s 30 --no-mean-comfort
     """
     finite(fs=fs, speed_kmh=speed_kmh, wavelength_m=wavelength_m, duration_s=duration_s, dt_s=dt_s)
     finite(sperling_exponent=sperling_exponent, sperling_power=sperling_power)
@@ -117,7 +123,13 @@ def comfort(
         from ...base.stamps import BRIDGE
         from ...ride.rides import ACCELERATIONS, NAMES, read_ride
 
-        for option, given in (("track", track), ("chord-m", chord_m), ("longest-m", longest_m), ("bridge-m", bridge_m)):
+        for option, given in (
+            ("track", track),
+            ("layout", layout),
+            ("chord-m", chord_m),
+            ("longest-m", longest_m),
+            ("bridge-m", bridge_m),
+        ):
             if given is not None:
                 raise InputError(f"--{option} is for a vehicle on a track, not for the record {source}")
         ride = read_ride(
@@ -135,7 +147,7 @@ def comfort(
                 f"--fs, --time-unit, --bridge-s and --transition are for a record (a file), not for the vehicle {source!r}"
             )
         loaded = load(source)
-        if amplitude_mm is None and wavelength_m is None:
+        if amplitude_mm is None and wavelength_m is None and layout is None:
             track = track or "erri-high"
         # long enough that no part of it is ridden twice
         length = speed_kmh / KMH * (duration_s + SETTLE) + 200.0
@@ -146,9 +158,13 @@ def comfort(
             raise InputError(
                 f"--track {track}: {road.length:.0f} m are too short for this ride; --duration-s {longest:.0f} at most"
             )
+        line = None
+        if layout is not None:
+            road, assumed = upon_layout(layout, road, assumed, track, amplitude_mm, wavelength_m)
+            line = road
         with working(f"running {duration_s + SETTLE:g} s of {loaded.name}"):
             run = _simulated(loaded, speed_kmh, road, duration_s, dt_s, damper, alpha)
-        found = judge(run, settle=SETTLE, **options)
+        found = judge(run, settle=SETTLE, layout=line, **options)
         notes = [*assumed, *(f"fitted: {entry}" for entry in calibrated(loaded))]
         if loaded.geometry.carbody_to_floor is None:
             notes.append(f"floor: {CARBODY_TO_FLOOR:g} m below the car body's centre of gravity (assumed)")
@@ -184,7 +200,7 @@ def _transitions(texts: list[str] | None) -> list[tuple[float, float]]:
 
 
 def _simulated(vehicle: Any, speed_kmh: float, track: "Track", duration_s: float, dt_s: float, damper: str, alpha: Any) -> Any:
-    from ... import Result, simulate
+    from ... import Layout, Result, simulate
     from ...base.units import KMH
 
     law = chosen_damper(damper, vehicle, speed_kmh / KMH, alpha)
@@ -196,7 +212,7 @@ def _simulated(vehicle: Any, speed_kmh: float, track: "Track", duration_s: float
         duration=duration_s + SETTLE,
         dt=dt_s,
         sample=SAMPLE,
-        record=["floor_acceleration"],
+        record=["floor_acceleration", *(["carbody_phi", "carbody_phi_rate"] if isinstance(track, Layout) else [])],
     )
     if int(run.code) == Result.DIVERGED:
         raise NumericalError(f"the run diverged at {speed_kmh:g} km/h: a displacement went beyond 1 m or 1 rad")

@@ -12,6 +12,7 @@ from ..common import (
     Alpha,
     AsJson,
     DamperName,
+    LayoutFile,
     TrackSeed,
     VehicleName,
     complete_track,
@@ -21,7 +22,7 @@ from ..common import (
     working,
 )
 from ..files import BridgeM, ChordM, Columns, LongestM, ShortestM, Units, track_file
-from ..inputs import chosen_damper, make_track
+from ..inputs import chosen_damper, make_track, upon_layout
 from ..out import PICTURES, TABLE, as_picture, check_out, out_option
 
 NETCDF = ".nc"
@@ -42,12 +43,7 @@ def simulate(
             autocompletion=complete_track,
         ),
     ] = None,
-    layout: Annotated[
-        Path | None,
-        typer.Option(
-            help="The line's layout, on which the track lies: a TOML file of segments, or samples; straight if not given."
-        ),
-    ] = None,
+    layout: LayoutFile = None,
     track_seed: TrackSeed = None,
     columns: Columns = None,
     unit: Units = None,
@@ -82,7 +78,7 @@ def simulate(
     how = track_file(track, columns, unit, chord_m, longest_m, shortest_m, bridge_m)
     line, assumed = make_track(track, track_seed, amplitude_mm, wavelength_m, bump_m, file=how)
     if layout is not None:
-        line, assumed = _upon(layout, line, assumed, track, amplitude_mm, wavelength_m, bump_m)
+        line, assumed = upon_layout(layout, line, assumed, track, amplitude_mm, wavelength_m, bump_m)
     law = chosen_damper(damper, loaded, speed_kmh / KMH, alpha)
     channels = [name.strip() for name in record.split(",") if name.strip()]
     if not channels:
@@ -107,19 +103,6 @@ def simulate(
     forms[TABLE] = lambda out: _write_table(result, channels, out)
     forms[NETCDF] = lambda out: result.to_xarray().to_netcdf(out, engine="scipy")
     show(content, [str(result)], as_json, out, forms)
-
-
-def _upon(path: Path, line: Any, assumed: list[str], *irregularity: Any) -> tuple[Any, list[str]]:
-    """The layout of a file with the irregularity upon it, if one was asked for, and what it rests on."""
-    from ... import Layout
-
-    try:
-        found = Layout.load(path)
-    except InputError as error:
-        raise InputError(f"--layout: {error}") from None
-    if all(option is None for option in irregularity):
-        return found, [f"layout: {found}"]
-    return found.with_irregularity(line), [f"layout: {found}", *assumed]
 
 
 def _draw(result: Any, channels: list[str], rows: Any) -> None:

@@ -24,7 +24,7 @@ VERSINES = re.compile("versine|chord|mco", re.IGNORECASE)
 _SMALL = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 25.4e-3}
 UNITS = {"distance": {"m": 1.0, "km": 1e3, "ft": 0.3048}} | {kind: _SMALL for kind in list(NAMES)[1:]}
 
-#: quantities that the model does not use: with a value missing they are left out
+#: quantities that a track can do without: with a value missing they are left out
 BESIDE = ("cross_level", "gauge")
 
 #: samples below which there is no track
@@ -73,9 +73,11 @@ def read_track(
         word = kind.replace("_", " ")
         if kind in read.lacking:
             del found[kind]
-            notes.append(f"{word}: left out ({read.lacking[kind].removeprefix(f'{path}, ')}); the lateral model does not use it")
+            notes.append(f"{word}: left out ({read.lacking[kind].removeprefix(f'{path}, ')})")
+        elif kind == "gauge":
+            notes.append("gauge: kept, but the model does not use it")
         else:
-            notes.append(f"{word}: kept, but the lateral model does not use it")
+            notes.append("cross level: rolls the track, positive where the left rail is higher (assumed)")
     if np.all(np.diff(found["distance"]) < 0.0):
         found = {kind: values[::-1] for kind, values in found.items()}
         notes.append("distance: falls, so the record is turned round (the signs of the alignment are kept)")

@@ -22,6 +22,9 @@ from .layout_files import read_layout
 from .segments import A_CANT, A_LENGTH, Line, Segment, a_radius, of_samples, of_segments
 from .shapes import Alignment, Distances, Track, a_track
 
+#: share of the line's fastest change of curvature (cant) below which a stretch is no transition
+LEAST_CHANGE = 0.02
+
 A_RAMP = OneOf(("linear", "smooth"))
 
 
@@ -187,6 +190,20 @@ class Layout:
         found = self._at(jnp.asarray(distance, float))
         return found["kappa"], found["theta"]
 
+    def transitions(self) -> tuple[tuple[float, float], ...]:
+        """From and to the distances (m) of each stretch over which curvature or cant change by more than a fiftieth of the line's fastest
+        changes, whose corners' rounding counts."""
+        steps = np.diff(np.asarray(self.knots))
+        turning = np.zeros(len(steps), bool)
+        for powers in (self.curvature, self.cant_angle):
+            ends = np.asarray(powers)[:-1, 1:] * np.array([1.0, 2.0, 3.0])
+            x = np.stack([0.0 * steps, 0.5 * steps, steps], axis=1)
+            fastest = np.max(np.abs(ends[:, :1] + ends[:, 1:2] * x + ends[:, 2:] * x**2), axis=1)
+            turning |= fastest > LEAST_CHANGE * np.max(fastest, initial=1e-12)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], turning, [False]])))
+        knots = np.asarray(self.knots)
+        return tuple((float(knots[first]), float(knots[last])) for first, last in edges.reshape(-1, 2))
+
     def _at(self, distance: Distances) -> dict[str, Distances]:
         """All that is needed of the line at some places."""
         knots = jnp.asarray(self.knots)
@@ -213,13 +230,32 @@ class Layout:
             "theta_curve": 2.0 * t2 + 6.0 * x * t3,
         }
 
+    def _cross_levels(self, vehicle: Vehicle, centre: Distances, like: Distances) -> dict[str, tuple[Distances, ...]] | None:
+        """What the irregularity's cross level adds to the cant angle of each body's frame (rad), and to its derivatives by the distance: of a
+        wheelset at its own place, of what rests on several of them their mean; None without one."""
+        cross = getattr(self.irregularity, "cross", None)
+        if cross is None:
+            return None
+        level = cross.seen_from(jnp.broadcast_to(wheelset_positions(vehicle, like), like.shape))
+
+        def along(function: Alignment) -> Alignment:
+            return lambda s: jax.jvp(function, (s,), (jnp.ones_like(s),))[1]
+
+        orders = [order(centre) / CANT_BASE for order in (level, along(level), along(along(level)))]
+        return {
+            "wheelset": tuple(orders),
+            "bogie": tuple(jnp.mean(angle, axis=1) for angle in orders),
+            "carbody": tuple(jnp.mean(angle, axis=(0, 1)) for angle in orders),
+        }
+
     def curve_at(
         self, vehicle: Vehicle, centre: Scalar, speed: Scalar, acceleration: Scalar, like: Float[Array, "n m *lanes"]
     ) -> Curve:
         """What the line does to a vehicle whose car body's centre is at the distance `centre`.
 
         A body at the distance x ahead of it sees the line turned by the integral of kappa and aside by that of the turn. Seen from the rails a body
-        at the height H moves with H theta; a ramp rolls the frames against each other.
+        at the height H moves with H theta; a ramp rolls the frames against each other. The cross level of a measured irregularity adds to
+        the cant: each body's frame rolls with the mean of the rails under its wheelsets.
 
         Args:
             vehicle: gives the places and heights of its bodies.
@@ -234,6 +270,7 @@ class Layout:
         lanes = like.shape[2:]
         centre = jnp.broadcast_to(jnp.asarray(centre, like.dtype), lanes)
         here, height = self._at(centre), heights(vehicle)
+        rolled = self._cross_levels(vehicle, centre, like)
         place: dict[str, Any] = {}
         rate: dict[str, Any] = {}
         forced: dict[str, Any] = {}
@@ -243,6 +280,10 @@ class Layout:
             ("wheelset", jnp.broadcast_to(wheelset_positions(vehicle, like), like.shape)),
         ):
             there, h = self._at(centre + x), height[body]
+            if rolled is not None:
+                for name, more in zip(("theta", "theta_rate", "theta_curve"), rolled[body], strict=True):
+                    there[name] = there[name] + more
+                here = there if body == "carbody" else here
             turn = there["heading"] - here["heading"]
             roll, rolling = there["theta"] - here["theta"], speed * (there["theta_rate"] - here["theta_rate"])
             place[f"{body}_y"] = there["aside"] - here["aside"] - x * here["heading"] + h * roll

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
+from ...base.arguments import guarded
+from ...base.checks import Range
 from ...base.errors import InputError
 from ...base.typing import Scalar
 from .columns import FEWEST, read_track
@@ -20,6 +22,9 @@ LEAD = 20.0
 
 #: m; alignment beyond the first or below the second is a slip of units (or the layout of the line): track is kept within 0.03 m
 LARGEST, SMALLEST = 0.2, 1e-6
+
+#: m; a cross level that is farther from its mean is the cant of curves
+MOST_CROSS = 0.05
 
 #: the widest grid of the spline, m; the samples' own distance where it is smaller
 GRID = SHORTEST / 8
@@ -36,7 +41,7 @@ ORDER = 4
 
 @dataclass(frozen=True)
 class MeasuredRecord:
-    """What was measured, as it was read, m: cross level and gauge are kept, but the lateral model does not use them."""
+    """What was measured, as it was read, m: the gauge is kept, but the model does not use it."""
 
     distance: Float[np.ndarray, "..."]
     alignment: Float[np.ndarray, "..."]
@@ -55,28 +60,36 @@ class MeasuredTrack(SampledTrack):
     backwards: no phase, half the amplitude at the wavelength) and faded at the ends. Beyond both ends the track is straight. A
     record that holds the layout of the line needs `longest`, say 200 m.
 
+    The cross level, treated likewise, rolls the track under the wheelsets as cant does (`Layout.curve_at`): with it the run needs double
+    precision, and takes as long as on a layout.
+
     Versines are restored to the space curve: waves of half the chord, a quarter, ... are lost. Without `bridge` spikes and short
     gaps are named in `notes` and the rest is refused.
 
     Args:
         distance: shape `(samples,)`, m, rising, any spacing.
         alignment: shape `(samples,)`, m; with `chord` versines in the middle of chords.
-        cross_level: shape `(samples,)`, m; kept as read, and the lateral model does not use it.
-        gauge: shape `(samples,)`, m; as `cross_level`.
+        cross_level: shape `(samples,)`, m over 1.5 m, positive where the left rail is higher; by default none.
+        gauge: shape `(samples,)`, m; kept as read, and the model does not use it.
         shortest: shorter waves are filtered away, m; by default none.
         longest: longer waves are filtered away, m; by default none, with a `chord` those longer than ten chords, 200 m at most.
         chord: length of the chords, m: 10, or 31, 62, 124 ft in m; by default the alignment is the space curve.
         bridge: samples without a value (NaN), single-sample spikes and gaps of the distance up to this length are bridged by
             straight lines, m; by default none.
         fade: over which the alignment rises from straight track at the start and returns to it at the end, m.
+        rolls: False leaves the cross level out of the run.
         amplitude: factor on all, dimensionless, one or one per lane.
         name: of the record, for messages.
         notes: what was assumed in reading it.
 
     Raises:
         InputError: for fewer than 16 samples, values that are not finite, distance that does not rise, a gap, a record too short
-            for its fades or filter, and an alignment beyond 0.2 m or below 1 µm, which is a slip of units.
+            for its fades or filter, an alignment beyond 0.2 m or below 1 µm, which is a slip of units, and a cross level 50 mm from its
+            mean, which is the cant of curves.
     """
+
+    #: the cross level in the place of the alignment, m; None where it does not roll the track
+    cross: "MeasuredTrack | None" = field(default=None)
 
     def __init__(
         self,
@@ -90,18 +103,23 @@ class MeasuredTrack(SampledTrack):
         chord: float | None = None,
         bridge: float | None = None,
         fade: float = 50.0,
+        rolls: bool = True,
         amplitude: Scalar = 1.0,
         name: str = "record",
         notes: tuple[str, ...] = (),
     ) -> None:
         kept = [None if values is None else np.asarray(values, float) for values in (distance, alignment, cross_level, gauge)]
         record = _mended(MeasuredRecord(*kept, name, notes), bridge)  # type: ignore[call-arg]
-        samples, spacing = _even(record)
+        samples, spacing = _even(record.distance, record.alignment)
+        cross = None
+        if rolls and record.cross_level is not None and np.ptp(record.cross_level) > SMALLEST:
+            cross = self._rolling(record, shortest, longest, fade, amplitude)
         if chord is not None:
             samples, lost = restored(samples, spacing, chord, longest, name)
             record, longest = dataclasses.replace(record, notes=(*record.notes, *lost)), None
-        samples = _tapered(_filtered(samples, spacing, shortest, longest, name), spacing, fade, name)
+        samples = _tapered(_checked(_filtered(samples, spacing, shortest, longest, name), longest, name), spacing, fade, name)
         self._set(
+            cross=cross,
             coefficients=_coefficients(samples),
             spacing=spacing,
             start=LEAD - TAIL * spacing,
@@ -110,6 +128,38 @@ class MeasuredTrack(SampledTrack):
             periodic=False,
             label=record,
         )
+
+    @staticmethod
+    def _rolling(
+        record: MeasuredRecord, shortest: float | None, longest: float | None, fade: float, amplitude: Scalar
+    ) -> "MeasuredTrack":
+        """The cross level over the distance."""
+        samples, spacing = _even(record.distance, record.cross_level)  # type: ignore[arg-type]
+        samples = _filtered(samples, spacing, shortest, longest, record.name)
+        if (peak := float(np.max(np.abs(samples)))) > MOST_CROSS:
+            raise InputError(
+                f"{record.name}: the cross level reaches {1e3 * peak:.3g} mm from its mean, which is the cant of curves: take it out by longest=200.0, "
+                "or leave it out by rolls=False"
+            )
+        made = object.__new__(MeasuredTrack)
+        made._set(
+            cross=None,
+            coefficients=_coefficients(_tapered(samples, spacing, fade, record.name)),
+            spacing=spacing,
+            start=LEAD - TAIL * spacing,
+            amplitude=amplitude,
+            fade=None,
+            periodic=False,
+            label=None,
+        )
+        return made
+
+    @guarded(amplitude=Range("1", axes=1))
+    def scaled(self, amplitude: Scalar) -> "MeasuredTrack":
+        """The same track with this `amplitude`, a factor, instead of its own, also of the cross level; one value, or one per lane."""
+        found = super().scaled(amplitude)
+        found._set(cross=None if self.cross is None else self.cross.scaled(amplitude))
+        return found
 
     @classmethod
     def from_csv(
@@ -123,6 +173,7 @@ class MeasuredTrack(SampledTrack):
         chord: float | None = None,
         bridge: float | None = None,
         fade: float = 50.0,
+        rolls: bool = True,
         amplitude: Scalar = 1.0,
     ) -> "MeasuredTrack":
         """The track of a file of numbers, of any separator, decimal mark and encoding.
@@ -142,6 +193,7 @@ class MeasuredTrack(SampledTrack):
             chord: length of the chord where the alignment is versines in its middle, which are restored, m; 10, or 62 ft in m.
             bridge: samples without a value, spikes and gaps up to this length are bridged, m; by default none.
             fade: over which the alignment rises from straight track and returns to it at the ends, m.
+            rolls: False leaves the cross level out of the run.
             amplitude: factor on all, dimensionless, one or one per lane.
 
         Raises:
@@ -157,6 +209,7 @@ class MeasuredTrack(SampledTrack):
             chord=chord,
             bridge=bridge,
             fade=fade,
+            rolls=rolls,
             amplitude=amplitude,
             name=str(path),
             notes=tuple(sorted(notes)),
@@ -236,9 +289,9 @@ def _mended(record: MeasuredRecord, bridge: float | None) -> MeasuredRecord:
     return dataclasses.replace(record, notes=(*record.notes, *notes))
 
 
-def _even(record: MeasuredRecord) -> tuple[Float[np.ndarray, "points"], float]:
-    """The alignment without its mean on an even grid, and the grid's spacing; samples that are even stay points of the grid."""
-    d, eta = record.distance, record.alignment - np.mean(record.alignment)
+def _even(d: Float[np.ndarray, "samples"], values: Float[np.ndarray, "samples"]) -> tuple[Float[np.ndarray, "points"], float]:
+    """Values at the distances d without their mean on an even grid, and the grid's spacing; samples that are even stay points of the grid."""
+    eta = values - np.mean(values)
     step = float(d[-1] - d[0]) / (d.size - 1)
     even = np.max(np.abs(d - d[0] - step * np.arange(d.size))) < UNEVEN * step
     if not even:
@@ -273,6 +326,11 @@ def _filtered(
                 filter_ = butter(ORDER, 1.0 / wavelength, kind, fs=1.0 / spacing, output="sos")
                 padding = min(samples.size - 1, round(2.0 * wavelength / spacing))
                 samples = sosfiltfilt(filter_, samples, padlen=padding)
+    return samples
+
+
+def _checked(samples: Float[np.ndarray, "points"], longest: float | None, name: str) -> Float[np.ndarray, "points"]:
+    """The alignment; refused where no track has it."""
     peak = float(np.max(np.abs(samples)))
     if not SMALLEST < peak < LARGEST:
         cause = "check its unit" + (

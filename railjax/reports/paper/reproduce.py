@@ -34,7 +34,7 @@ GROUPS = (
         "railjax.reports.paper.studies.comfort",
         "railjax.reports.paper.studies.acceptance",
     ),
-    ("railjax.reports.paper.studies.tuning",),
+    ("railjax.reports.paper.studies.tuning", "railjax.reports.paper.studies.steering"),
 )
 
 Progress = Callable[[str, int, int], None]

@@ -5,6 +5,7 @@ what is compared with the limit is the estimated maximum x_mean + k s over the s
 instability criterion is the largest r.m.s. of a sliding window. It is no certificate: `NOT_ASSESSED` says what is missing.
 """
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,11 +60,17 @@ def acceptance(vehicle: Vehicle, run: Simulation, *, prudhomme_factor: float = 1
     Raises:
         InputError: for a run with a `SpeedProfile`, channels that are missing, and what `acceptance_of_record` refuses.
     """
-    mass = vehicle.bogie.mass + len(vehicle.geometry.axle_pattern) * vehicle.wheelset.mass
-    given = {"axle_load": 2.0 * vehicle.contact.wheel_load, "bogie_mass": mass, "prudhomme_factor": prudhomme_factor}
-    if vehicle.profiles is not None:
-        given["derailment_limit"] = nadal_limit(vehicle.profiles.flange_angle, vehicle.contact.friction)
+    given = of_vehicle(vehicle) | {"prudhomme_factor": prudhomme_factor}
     return acceptance_of_record(record_of_run(vehicle, run), **given, **options)
+
+
+def of_vehicle(vehicle: Vehicle) -> dict[str, Number]:
+    """Axle load, bogie mass and limit of Y/Q, as `acceptance_of_record` takes them."""
+    mass = vehicle.bogie.mass + len(vehicle.geometry.axle_pattern) * vehicle.wheelset.mass
+    limit = 0.8
+    if vehicle.profiles is not None:
+        limit = nadal_limit(vehicle.profiles.flange_angle, vehicle.contact.friction)
+    return {"axle_load": 2.0 * vehicle.contact.wheel_load, "bogie_mass": mass, "derailment_limit": limit}
 
 
 @guarded(record=Kind(RunningRecord, "a railjax.RunningRecord"), derailment_limit=positive(axes=1))
@@ -101,16 +108,7 @@ def acceptance_of_record(
             record shorter than one section.
     """
     signals, lanes, ok = check_record(record)
-    given = Given(
-        None if axle_load is None else _by_lane("axle_load", axle_load, lanes),
-        None if bogie_mass is None else _by_lane("bogie_mass", bogie_mass, lanes),
-        _positive("prudhomme_factor", prudhomme_factor),
-        _by_lane("derailment_limit", derailment_limit, lanes),
-    )
-    if "guiding_force" in signals and given.axle_load is None:
-        raise InputError("axle_load is needed for the limits of guiding forces, N")
-    if "bogie_acceleration" in signals and given.bogie_mass is None:
-        raise InputError("bogie_mass is needed for the limits of bogie accelerations, kg with wheelsets")
+    given = given_of(signals, lanes, axle_load, bogie_mass, prudhomme_factor, derailment_limit)
     for key, value in (("section_length", section_length), ("hunting_frequency", hunting_frequency)):
         if value is not None:
             _positive(key, value)
@@ -118,8 +116,7 @@ def acceptance_of_record(
         raise InputError(f"section_length must be {SHORTEST:g} m or more for its percentiles, not {section_length:g}")
     if hunting_frequency is not None and hunting_frequency + HALF_BAND >= 0.5 * record.sampling_rate:
         raise InputError(f"hunting_frequency {hunting_frequency:g} Hz is too high for {record.sampling_rate:g} samples a second")
-    if not (np.isfinite(margin) and margin >= 0.0):
-        raise InputError(f"margin must be 0 or a positive number of seconds, not {margin}")
+    check_margin(margin)
     speed = _by_lane("speed", record.speed, lanes)
     length = default_section(speed) if section_length is None else np.full(lanes, float(section_length))
     samples = len(next(iter(signals.values())))
@@ -131,27 +128,62 @@ def acceptance_of_record(
             f"the record of {samples / record.sampling_rate:g} s at {speed[worst] * KMH:g} km/h is shorter than a section of "
             f"{length[worst]:g} m and the margins; it takes {needed:.0f} s"
         )
-    f0 = np.full(lanes, np.nan)
-    found = {key: np.full((4, lanes), np.nan) for key, c in CRITERIA.items() if c.signal in signals}
-    for lane in np.flatnonzero(ok):
-        own = {name: values[..., lane] for name, values in signals.items()}
-        frame = _Frame(record.sampling_rate, float(speed[lane]), margin, float(length[lane]), int(sections[lane]))
-        f0[lane] = _f0(own, frame) if hunting_frequency is None else hunting_frequency
-        for key in found:
-            found[key][:, lane] = _assess(CRITERIA[key], own, frame, float(f0[lane]))
-    findings = {key: _finding(CRITERIA[key], values, given, sections >= minimum_sections) for key, values in found.items()}
-    result = Acceptance(findings, speed, f0, np.where(ok, sections, 0), length, minimum_sections, ok, record.name)
+    frames = [
+        Frame(record.sampling_rate, float(v), margin, float(step), step * np.arange(count), step * np.arange(1, count + 1))
+        for v, step, count in zip(speed, length, sections, strict=True)
+    ]
+    result = assessed(signals, ok, frames, given, CRITERIA, hunting_frequency, minimum_sections, record.name)
     return result if record.lanes else result.lane(0)
 
 
-class _Frame(NamedTuple):
-    """Sampling of a lane and its sections."""
+def given_of(
+    signals: dict[str, Values],
+    lanes: int,
+    axle_load: Number | None,
+    bogie_mass: Number | None,
+    prudhomme_factor: Number,
+    derailment_limit: Number,
+) -> Given:
+    """What limits depend on, by lane. Raises `InputError` for what is missing.
 
-    rate: float
-    speed: float
-    margin: float
-    length: float
-    sections: int
+    Args:
+        signals: that are judged.
+        lanes: number of them.
+        axle_load: P, N.
+        bogie_mass: M with its wheelsets, kg.
+        prudhomme_factor: α, dimensionless.
+        derailment_limit: of Y/Q, dimensionless.
+    """
+    given = Given(
+        None if axle_load is None else _by_lane("axle_load", axle_load, lanes),
+        None if bogie_mass is None else _by_lane("bogie_mass", bogie_mass, lanes),
+        _positive("prudhomme_factor", prudhomme_factor),
+        _by_lane("derailment_limit", derailment_limit, lanes),
+    )
+    if "guiding_force" in signals and given.axle_load is None:
+        raise InputError("axle_load is needed for the limits of guiding forces, N")
+    if "bogie_acceleration" in signals and given.bogie_mass is None:
+        raise InputError("bogie_mass is needed for the limits of bogie accelerations, kg with wheelsets")
+    return given
+
+
+def check_margin(margin: float) -> None:
+    """Raise `InputError` for a margin (s) that cannot be."""
+    if not (np.isfinite(margin) and margin >= 0.0):
+        raise InputError(f"margin must be 0 or a positive number of seconds, not {margin}")
+
+
+class Frame(NamedTuple):
+    """Sampling of a lane, and its sections: where they start and end, m from the end of the first margin; `within` which stretches windows
+    of the instability criterion must lie (None: all)."""
+
+    rate: float  # Hz
+    speed: float  # m/s
+    margin: float  # s
+    length: float  # of a section, m
+    starts: Float[np.ndarray, "sections"]
+    ends: Float[np.ndarray, "sections"]
+    within: tuple[tuple[float, float], ...] | None = None
 
     def inner(self, values: Values) -> Values:
         """The samples without those of the margins."""
@@ -159,31 +191,72 @@ class _Frame(NamedTuple):
         return values[cut : len(values) - cut]
 
 
-def _f0(signals: dict[str, Values], frame: _Frame) -> float:
+def assessed(
+    signals: dict[str, Values],
+    ok: Bool[np.ndarray, "lanes"],
+    frames: list[Frame],
+    given: Given,
+    criteria: Mapping[str, Criterion],
+    hunting_frequency: float | None,
+    minimum_sections: int,
+    name: str,
+) -> Acceptance:
+    """The criteria whose signals are there, over each lane's sections.
+
+    Args:
+        signals: histories of shape `(samples, parts, lanes)`, SI.
+        ok: which lanes count.
+        frames: one a lane.
+        given: what limits depend on.
+        criteria: by their keys.
+        hunting_frequency: f0, Hz; None: that of the spectrum.
+        minimum_sections: number of them that a full assessment takes.
+        name: of what ran.
+    """
+    lanes = len(frames)
+    f0 = np.full(lanes, np.nan)
+    found = {key: np.full((4, lanes), np.nan) for key, c in criteria.items() if c.signal in signals}
+    for lane in np.flatnonzero(ok):
+        own = {key: values[..., lane] for key, values in signals.items()}
+        f0[lane] = _f0(own, frames[lane]) if hunting_frequency is None else hunting_frequency
+        for key in found:
+            found[key][:, lane] = _assess(criteria[key], own, frames[lane], float(f0[lane]))
+    sections = np.array([len(frame.starts) for frame in frames])
+    speed, length = (np.array([getattr(frame, what) for frame in frames]) for what in ("speed", "length"))
+    findings = {key: _finding(criteria[key], values, given, sections >= minimum_sections) for key, values in found.items()}
+    return Acceptance(findings, speed, f0, np.where(ok, sections, 0), length, minimum_sections, ok, name, criteria)
+
+
+def _f0(signals: dict[str, Values], frame: Frame) -> float:
     name = next((n for n in ("guiding_force", "bogie_acceleration") if n in signals), None)
     return np.nan if name is None else hunting_frequency(frame.inner(signals[name]), frame.rate)
 
 
-def _assess(criterion: Criterion, signals: dict[str, Values], frame: _Frame, f0: float) -> tuple[float, ...]:
+def _assess(criterion: Criterion, signals: dict[str, Values], frame: Frame, f0: float) -> tuple[float, ...]:
     """What is compared with the limit; the largest value of a section or window, its part (1 in front) and its start in m."""
     low, high = criterion.band or (max(f0 - HALF_BAND, LOWEST), f0 + HALF_BAND)
     values = frame.inner(filtered(signals[criterion.signal], frame.rate, low, high))
     spacing = frame.speed / frame.rate
     if criterion.statistic == "sliding rms":
         starts, per_window = sliding_rms(values, spacing, *RMS_OVER)
+        if frame.within is not None:
+            kept = np.zeros(len(starts), bool)
+            for first, last in frame.within:
+                kept |= (starts >= first) & (starts + RMS_OVER[0] <= last)
+            starts, per_window = starts[kept], per_window[kept]
         if not len(starts):
             return np.nan, np.nan, np.nan, np.nan
         window, part = np.unravel_index(np.argmax(per_window), per_window.shape)
         worst = per_window[window, part]
         return worst, worst, float(part + 1), frame.margin * frame.speed + starts[window]
-    if criterion.signal in ("guiding_force", "derailment_quotient"):
+    if criterion.statistic != "median" and criterion.signal in ("guiding_force", "derailment_quotient"):
         starts, values = sliding_mean(values, spacing, *MEAN_OVER)
         position = starts + 0.5 * MEAN_OVER[0]
     else:
         position = spacing * np.arange(len(values))  # type: ignore[assignment]
-    each = by_section(values, position, frame.length, frame.sections, criterion.statistic == "rms")
+    each = by_section(values, position, frame.starts, frame.ends, criterion.statistic)
     section, part = np.unravel_index(np.argmax(each), each.shape)
-    start = frame.margin * frame.speed + section * frame.length
+    start = frame.margin * frame.speed + frame.starts[section]
     estimate = np.max(each.mean(axis=0) + criterion.k * each.std(axis=0, ddof=1)) if len(each) > 1 else np.nan
     return estimate, each[section, part], float(part + 1), start
 

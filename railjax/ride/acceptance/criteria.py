@@ -21,8 +21,8 @@ HALF_BAND, LOWEST = 2.0, 0.4
 #: of records without the forces of single wheels
 NO_WHEELS = "Y/Q and the guiding force Y of one wheel: the record has the sum of both wheels only; vehicles on profiles have them"
 NOT_ASSESSED = (
-    "Q, vertical accelerations, quasi-static forces in curves: no vertical dynamics, no curves, no cant",
-    "test zones in curves, worn profiles, the conicities, cant deficiencies and loads that the standard asks for",
+    "Q, its quasi-static value and vertical accelerations: no vertical dynamics",
+    "worn profiles, the conicities, cant deficiencies and loads that the standard asks for",
 )
 
 
@@ -33,6 +33,7 @@ class Given(NamedTuple):
     bogie_mass: Number | None  # M, with its wheelsets, kg
     prudhomme_factor: float  # α
     derailment_limit: Number = 0.8  # of Y/Q
+    radius: Number = np.inf  # mean of a zone's curves, m
 
 
 def prudhomme_limit(axle_load: Number, factor: float = 1.0) -> Number:
@@ -52,6 +53,11 @@ def nadal_limit(flange_angle: Number, friction: Number) -> Number:
     return (slope - friction) / (1.0 + friction * slope)
 
 
+def quasistatic_limit(radius: Number) -> Number:
+    """30 kN + 10500 kN m/R_m in N, of a zone's mean `radius` in m (recalled): 65 kN at 300 m."""
+    return 30e3 + 10.5e6 / radius
+
+
 class Criterion(NamedTuple):
     """A quantity of the standard: how it is treated and what limits it."""
 
@@ -59,7 +65,7 @@ class Criterion(NamedTuple):
     unit: str
     signal: str  # which array of `RunningRecord`
     band: tuple[float | None, float | None] | None  # Hz; None: f0 ± 2 Hz
-    statistic: str  # "percentiles", "rms", "sliding rms"
+    statistic: str  # "percentiles", "rms", "median", "sliding rms"
     k: float | None  # of x_mean + k s
     limit: Callable[[Given], Number]
     sources: str
@@ -110,6 +116,48 @@ CRITERIA: dict[str, Criterion] = {
 PLACES = {
     "guiding_force": "wheelset",
     "derailment_quotient": "wheel",
+    "wheel_lateral_force": "wheel",
     "bogie_acceleration": "axle",
     "carbody_acceleration": "bogie",
+}
+
+#: what stands in curves beside these: medians of the sections, k = 0
+QUASI_STATIC: dict[str, Criterion] = {
+    "carbody_quasistatic": Criterion(
+        "car body acceleration over the bogies, quasi-static", "m/s^2", "carbody_acceleration", (None, 20.0), "median", 0.0,
+        lambda given: 1.5, f"all {_RECALLED}",
+    ),
+    "guiding_force_quasistatic": Criterion(
+        "guiding force Y of a wheel, quasi-static", "N", "wheel_lateral_force", (None, 20.0), "median", 0.0,
+        lambda given: quasistatic_limit(given.radius), f"all {_RECALLED}",
+    ),
+}  # fmt: skip
+
+
+class Zone(NamedTuple):
+    """A test zone: its curves, the length of its sections (m; None: by speed) and how many a full assessment takes, what is assessed."""
+
+    name: str
+    radii: tuple[float, float]  # from and below, m
+    section: float | None
+    sections: int
+    criteria: dict[str, Criterion]
+
+
+def _in_curves(bogie: float, carbody: float) -> dict[str, Criterion]:
+    """Of small radii: limits as told, no instability."""
+    found = {key: criterion for key, criterion in CRITERIA.items() if not key.startswith("instability")} | QUASI_STATIC
+    found["bogie_safety"] = found["bogie_safety"]._replace(limit=lambda given: bogie_limit(given.bogie_mass) - bogie)
+    found["carbody_safety"] = found["carbody_safety"]._replace(limit=lambda given: carbody)
+    return found
+
+
+#: of EN 14363, all recalled (UIC 518)
+ZONES: dict[int, Zone] = {
+    1: Zone("straight track", (np.inf, np.inf), None, SECTIONS, CRITERIA),
+    2: Zone(
+        "large radius", (600.0, np.inf), 100.0, SECTIONS, CRITERIA | {"carbody_quasistatic": QUASI_STATIC["carbody_quasistatic"]}
+    ),
+    3: Zone("small radius", (400.0, 600.0), 100.0, 2 * SECTIONS, _in_curves(3.0, 2.8)),
+    4: Zone("very small radius", (250.0, 400.0), SHORTEST, SECTIONS, _in_curves(3.0, 2.6)),
 }

@@ -26,7 +26,7 @@ class RunningRecord:
 
     `speed` in m/s (a number, or one per lane), `sampling_rate` in Hz, arrays (samples, parts, *lanes): `guiding_force` SumY of
     each wheelset in N, lateral accelerations in m/s^2 of the bogie frames over each axle and of the car body over each bogie,
-    `derailment_quotient` Y/Q of each wheel (right and left of the first wheelset, of the second, ...), Y positive outwards; None where
+    `derailment_quotient` Y/Q and `wheel_lateral_force` Y of each wheel (right and left of the first wheelset, of the second, ...), Y positive outwards; None where
     it was not measured. `ok` is False for lanes to be left out (a diverged simulation).
     """
 
@@ -36,6 +36,7 @@ class RunningRecord:
     bogie_acceleration: Any = None  # m/s^2
     carbody_acceleration: Any = None  # m/s^2
     derailment_quotient: Any = None  # Y/Q, dimensionless
+    wheel_lateral_force: Any = None  # Y, N
     ok: Any = True  # per lane: a number or bool, False leaves it out
     name: str = ""
 
@@ -46,12 +47,13 @@ class RunningRecord:
 
 
 @guarded()
-def acceptance_channels(vehicle: Vehicle) -> tuple[str, ...]:
-    """The channels that `acceptance` reads of a run of this vehicle: `simulate(..., record=acceptance_channels(vehicle))`."""
+def acceptance_channels(vehicle: Vehicle, *, curves: bool = False) -> tuple[str, ...]:
+    """The channels that `acceptance` (with `curves` `zone_acceptance`) reads of a run of this vehicle: `simulate(..., record=acceptance_channels(vehicle))`."""
     groups = layout(vehicle)
     floor = ("floor_acceleration",) if "carbody_y" in groups else ()
-    wheels = ("derailment_quotient",) if has_wheels(vehicle) else ()
-    return ("guiding_force", *wheels, *floor, *(name + "_acceleration" for name in groups if name.startswith("bogie")))
+    wheels = ("derailment_quotient", *(("wheel_lateral_force",) if curves else ())) if has_wheels(vehicle) else ()
+    rolls = tuple(name for name in ("carbody_phi", "bogie_phi") if curves and name in groups)
+    return ("guiding_force", *wheels, *floor, *(name + "_acceleration" for name in groups if name.startswith("bogie")), *rolls)
 
 
 def record_of_run(vehicle: Vehicle, run: Simulation) -> RunningRecord:

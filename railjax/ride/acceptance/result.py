@@ -1,6 +1,7 @@
 """The result of an assessment: findings by criterion, printed and as JSON."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,12 @@ from ...base.arguments import guarded
 from ...base.checks import whole
 from ...base.errors import InputError
 from ...base.units import KMH
-from .criteria import CRITERIA, NO_WHEELS, NOT_ASSESSED, PLACES, RMS_OVER
+from .criteria import CRITERIA, NO_WHEELS, NOT_ASSESSED, PLACES, RMS_OVER, Criterion
 
 Values = Float[np.ndarray, "..."]
+
+#: of the forces of single wheels, which vehicles on profiles have
+OF_WHEELS = ("derailment", "guiding_force_quasistatic")
 
 #: SI unit -> printed unit and factor
 PRINTED = {"N": ("kN", 1e-3), "m/s^2": ("m/s^2", 1.0), "1": ("1", 1.0)}
@@ -47,6 +51,7 @@ class Acceptance:
     minimum_sections: int  # number that a full assessment needs
     ok: Bool[np.ndarray, "..."]
     name: str = ""
+    criteria: Mapping[str, Criterion] = field(default_factory=lambda: CRITERIA)
 
     @property
     def verdict(self) -> Shaped[np.ndarray, "..."]:
@@ -64,15 +69,15 @@ class Acceptance:
         findings = {key: Finding(*(np.asarray(a[index]) for a in vars(f).values())) for key, f in self.findings.items()}
         arrays = (self.speed, self.hunting_frequency, self.sections, self.section_length)
         own = (np.asarray(a[index]) for a in arrays)
-        return Acceptance(findings, *own, self.minimum_sections, np.asarray(self.ok[index]), self.name)  # type: ignore[call-arg]
+        return Acceptance(findings, *own, self.minimum_sections, np.asarray(self.ok[index]), self.name, self.criteria)  # type: ignore[call-arg]
 
     def notes(self) -> list[str]:
         """What has to be known beside the numbers."""
         few = self.ok & (self.sections < self.minimum_sections)
         wheels = () if "derailment" in self.findings else (NO_WHEELS,)
-        absent = [criterion.name for key, criterion in CRITERIA.items() if key not in self.findings and key != "derailment"]
+        absent = [criterion.name for key, criterion in self.criteria.items() if key not in self.findings and key not in OF_WHEELS]
         return [
-            "In the manner of UIC 518 / EN 14363, on straight track; no certificate. Limits and factors k are recalled; as_dict() names the sources.",
+            "In the manner of UIC 518 / EN 14363; no certificate. Limits and factors k are recalled; as_dict() names the sources.",
             *([f"No sound run (diverged, or dt too large): {np.sum(~self.ok)} lane(s)."] if not np.all(self.ok) else []),
             *([f"Fewer than {self.minimum_sections} sections: too few to estimate a maximum."] if np.any(few) else []),
             *([f"Not in the record: {', '.join(absent)}."] if absent else []),
@@ -80,7 +85,7 @@ class Acceptance:
         ]
 
     def __str__(self) -> str:
-        return several_runs(self) if self.speed.ndim else one_run(self)
+        return "\n".join([table_of(self), *(f"  {note}" for note in self.notes())])
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers and texts for JSON, SI units: of a batch {"lanes": [...], ...}, of a run the quantities themselves."""
@@ -89,11 +94,13 @@ class Acceptance:
     to_dict = as_dict  # its name until 0.3
 
 
-def one_run(result: Acceptance) -> str:
-    """A table: quantity, value, limit, verdict, where in the run."""
+def table_of(result: Acceptance) -> str:
+    """Head and a table: quantity, value, limit, verdict, where in the run; of a batch a lane a row."""
+    if result.speed.ndim:
+        return several_runs(result)
     rows = [("quantity", "value", "limit", "unit", "of limit", "verdict", "largest in")]
     for key, found in result.findings.items():
-        criterion = CRITERIA[key]
+        criterion = result.criteria[key]
         unit, factor = PRINTED[criterion.unit]
         extent = RMS_OVER[0] if criterion.statistic == "sliding rms" else float(result.section_length)
         start = float(found.position)
@@ -106,7 +113,7 @@ def one_run(result: Acceptance) -> str:
         f"Running behaviour of {result.name or 'a vehicle'} at {float(result.speed) * KMH:.1f} km/h: {result.verdict}; "
         f"{int(result.sections)} sections of {float(result.section_length):g} m, f0 = {float(result.hunting_frequency):.2f} Hz"
     )
-    return "\n".join([head, *_aligned(rows), *(f"  {note}" for note in result.notes())])
+    return "\n".join([head, *_aligned(rows)])
 
 
 def several_runs(result: Acceptance) -> str:
@@ -124,7 +131,7 @@ def several_runs(result: Acceptance) -> str:
         first = (str(lane), f"{speed * KMH:.1f}", f"{f0:.2f}" if np.isfinite(f0) else "-", str(result.sections[lane]))
         rows.append((*first, *shares, str(result.verdict[lane]) if result.ok[lane] else "no sound run"))
     head = f"Running behaviour of {result.name or 'a vehicle'}, {len(result.speed)} lanes: per cent of the limit (* exceeded, ? not determined)"
-    return "\n".join([head, *_aligned(rows), *(f"  {note}" for note in result.notes())])
+    return "\n".join([head, *_aligned(rows)])
 
 
 def plain(result: Acceptance) -> dict[str, Any]:
@@ -133,7 +140,7 @@ def plain(result: Acceptance) -> dict[str, Any]:
         return {"vehicle": result.name, "lanes": [plain(result.lane(k)) for k in range(len(result.speed))]}
     quantities = {}
     for key, found in result.findings.items():
-        criterion = CRITERIA[key]
+        criterion = result.criteria[key]
         quantities[key] = {
             "name": criterion.name,
             "unit": criterion.unit,

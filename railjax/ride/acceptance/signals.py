@@ -1,7 +1,5 @@
 """Signal processing of running tests: filters, means over distance, percentiles of sections, the hunting frequency."""
 
-from itertools import pairwise
-
 import numpy as np
 from jaxtyping import Float
 
@@ -69,16 +67,21 @@ def sliding_rms(
 
 
 def by_section(
-    values: Signal, position: Float[np.ndarray, "samples"], length: float, count: int, rms: bool
-) -> Float[np.ndarray, "{count} parts"]:
-    """Of each of `count` sections of `length` m: the r.m.s., or the larger of |F1| and |F2|; shape (count, parts).
+    values: Signal,
+    position: Float[np.ndarray, "samples"],
+    starts: Float[np.ndarray, "sections"],
+    ends: Float[np.ndarray, "sections"],
+    statistic: str,
+) -> Float[np.ndarray, "sections parts"]:
+    """Of each section the "rms", the absolute "median", or of the "percentiles" the larger of |F1| and |F2|; shape (sections, parts).
 
-    `position` of the samples in m from the start of the first section. Percentiles are interpolated linearly between samples.
+    `position` of the samples, `starts` and `ends` in m from the same place. Percentiles are interpolated linearly between samples.
     """
-    cuts = np.searchsorted(position, length * np.arange(count + 1))
-    pieces = [values[start:end] for start, end in pairwise(cuts)]
-    if rms:
+    pieces = [values[slice(*np.searchsorted(position, pair))] for pair in zip(starts, ends, strict=True)]
+    if statistic == "rms":
         return np.array([np.sqrt(np.mean(piece**2, axis=0)) for piece in pieces])
+    if statistic == "median":
+        return np.array([np.abs(np.median(piece, axis=0)) for piece in pieces])
     return np.array([np.abs(np.percentile(piece, PERCENTILES, axis=0)).max(axis=0) for piece in pieces])
 
 

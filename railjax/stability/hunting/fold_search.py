@@ -6,6 +6,7 @@ for all vehicles together. A vehicle that is little different from one that has 
 method, and only the motions below it are tried.
 """
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -50,6 +51,8 @@ LARGEST_STEP, MOST_STEPS = 0.1, 400
 MOST_FOLDS = 8
 #: of RK4: a motion that needs more is not simulated well, and no fold is found
 MOST_STEPS_OF_PERIOD = 20_000
+#: searches that are remembered
+MOST_KNOWN = 100
 
 
 class FoldSearch:
@@ -196,6 +199,14 @@ class FoldSearch:
             return None
         return self._down_from(entry)
 
+    def _above_hopf(self, fold: Point) -> bool:
+        return bool(fold.unknowns[-1] * SPEED >= self.hopf)
+
+    @property
+    def ends(self) -> bool:
+        """Whether a fold was found, and motions end there."""
+        return self.fold is not None and motions_end(self.fold)
+
     def _alike(self, one: Float[np.ndarray, "unknowns"], other: Float[np.ndarray, "unknowns"]) -> bool:
         """Whether two packed orbits at nearly the same speed are of one family."""
         at = self.model.displacements
@@ -203,12 +214,12 @@ class FoldSearch:
         return bool(near and abs(one[-1] / other[-1] - 1.0) < 2.0 * (ABOUT_FOLD[-1] - 1.0))
 
     def take_from(self, other: "FoldSearch") -> bool:
-        """The fold near that of a vehicle that is little different, below the linear critical speed; False where there is none at which
-        motions end."""
-        if other.fold is None or not motions_end(other.fold):
+        """The fold near that of a vehicle that is little different, on the same side of the linear critical speed; False where there is none
+        at which motions end."""
+        if not other.ends:
             return False
         fold = fold_near(self.model, self.shooting, other.model, other.fold)
-        if fold is None or fold.unknowns[-1] * SPEED >= self.hopf or not motions_end(fold):
+        if fold is None or self._above_hopf(fold) != other._above_hopf(other.fold) or not motions_end(fold):
             return False
         self.fold, self.folds = fold, 1
         return True
@@ -242,14 +253,53 @@ def steps_of_period(model: Model, speed: float, period: float) -> int:
     return int(np.ceil(min(fastest(model, speed) * period / STABLE_RADIUS, MOST_STEPS_OF_PERIOD)))
 
 
-def search_folds(searches: Sequence[FoldSearch]) -> None:
-    """The lowest fold of each vehicle; all have the same structure, and their amplitude is measured at the same wheelset."""
+class KnownFolds:
+    """The last searches made, of vehicles that came one after another, as an optimiser asks for them."""
+
+    def __init__(self) -> None:
+        self.searches: deque[tuple[FoldSearch, bool]] = deque(maxlen=MOST_KNOWN)  # and whether motions end at the fold
+
+    def add(self, searches: Sequence[FoldSearch]) -> None:
+        """Remember them."""
+        self.searches.extend((search, search.ends) for search in searches)
+
+    def near(self, search: FoldSearch) -> list[FoldSearch]:
+        """Those whose orbits are measured and looked for in the same way, if motions end at their folds."""
+        asked = search.model.form, search.shooting.wheelset, search.shooting.symmetric
+        return [
+            one
+            for one, ends in self.searches
+            if ends and asked == (one.model.form, one.shooting.wheelset, one.shooting.symmetric)
+        ]
+
+    def again(self, search: FoldSearch) -> bool:
+        """Whether the very same has been searched, with the same steps; it then has all that was found."""
+        for one, _ in self.searches:
+            same = one.shooting == search.shooting and one.model.form == search.model.form
+            if same and np.array_equal(one.model.numbers, search.model.numbers):
+                search.__dict__ |= one.__dict__
+                return True
+        return False
+
+
+def search_folds(searches: Sequence[FoldSearch], known: KnownFolds | None = None) -> None:
+    """The lowest fold of each vehicle; all have the same structure, and their amplitude is measured at the same wheelset.
+
+    Those that are `known` already are neighbours too, if motions end at their folds, and what is found is added to them.
+    """
+    if known:
+        searches = [search for search in searches if not known.again(search)]
+        if not searches:
+            return
+    near = known.near(searches[0]) if known else []
     taken: list[FoldSearch] = []
-    for wave in _waves(searches):
-        near = in_threads(lambda pair: pair[1] is not None and pair[0].take_from(pair[1]), wave)
-        taken += [search for (search, _), took in zip(wave, near, strict=True) if took]
-        _search_to_the_end([search for (search, _), took in zip(wave, near, strict=True) if not took])
+    for wave in _waves(searches, near):
+        took = in_threads(lambda pair: pair[1] is not None and pair[0].take_from(pair[1]), wave)
+        taken += [search for (search, _), done in zip(wave, took, strict=True) if done]
+        _search_to_the_end([search for (search, _), done in zip(wave, took, strict=True) if not done])
     _search_to_the_end(taken)
+    if known:
+        known.add(searches)
 
 
 def _search_to_the_end(searches: list[FoldSearch]) -> None:
@@ -263,25 +313,31 @@ def _search_to_the_end(searches: list[FoldSearch]) -> None:
         searches = [search for search, more in zip(searches, onward, strict=True) if more]
 
 
-def _waves(searches: Sequence[FoldSearch]) -> Iterator[list[tuple[FoldSearch, FoldSearch | None]]]:
-    """The vehicles, each with the nearest of those in earlier waves; each wave doubles the number of those known."""
-    numbers = np.array([search.model.numbers for search in searches])
+def _waves(searches: Sequence[FoldSearch], known: Sequence[FoldSearch]) -> Iterator[list[tuple[FoldSearch, FoldSearch | None]]]:
+    """The vehicles, each with the nearest of those known or in earlier waves; each wave doubles the number of these."""
+    every = [*known, *searches]
+    numbers = np.array([search.model.numbers for search in every])
     spread = np.std(numbers, axis=0)
     numbers = numbers[:, spread > 0.0] / spread[spread > 0.0]
-    order = _farthest_first(numbers)
-    yield [(searches[order[0]], None)]
-    known = 1
-    while known < len(order):
-        wave, before = order[known : 2 * known], numbers[order[:known]]
+    order = _farthest_first(numbers, len(known))
+    count = len(known)
+    if not count:
+        yield [(every[order[0]], None)]
+        count = 1
+    while count < len(order):
+        wave, before = order[count : 2 * count], numbers[order[:count]]
         nearest = [order[np.argmin(np.sum((before - numbers[k]) ** 2, axis=1))] for k in wave]
-        yield [(searches[k], searches[near]) for k, near in zip(wave, nearest, strict=True)]
-        known += len(wave)
+        yield [(every[k], every[near]) for k, near in zip(wave, nearest, strict=True)]
+        count += len(wave)
 
 
-def _farthest_first(points: Float[np.ndarray, "points numbers"]) -> list[int]:
-    """The point in the middle, then always the one that is farthest from all before it, so that soon none is far."""
-    order = [int(np.argmin(np.sum((points - np.mean(points, axis=0)) ** 2, axis=1)))]
+def _farthest_first(points: Float[np.ndarray, "points numbers"], known: int) -> list[int]:
+    """The first, which are known, or else the point in the middle; then always the one that is farthest from all before it, so that soon
+    none is far."""
+    order = list(range(known)) or [int(np.argmin(np.sum((points - np.mean(points, axis=0)) ** 2, axis=1)))]
     distance = np.full(len(points), np.inf)
+    for one in order[:-1]:
+        distance = np.minimum(distance, np.sum((points - points[one]) ** 2, axis=1))
     while len(order) < len(points):
         distance = np.minimum(distance, np.sum((points - points[order[-1]]) ** 2, axis=1))
         distance[order] = -1.0  # where points are the same

@@ -21,7 +21,7 @@ from ...model.vehicle import Vehicle
 from ...simulation.step_size import STABLE_RADIUS
 from ..linear_critical import HIGHEST, LinearCritical, Stability, linear_critical
 from .continuation import wheelset_mode
-from .fold_search import FoldSearch, search_folds
+from .fold_search import FoldSearch, KnownFolds, search_folds
 from .orbits import Model, Shooting, fastest, rounded, unpack
 from .shooting import speed_slopes
 
@@ -144,10 +144,26 @@ def nonlinear_critical(
     Raises:
         InputError: inside `jax.jit`, for a wheelset that is not there, and in single precision.
     """
+    return found_beside(None, vehicle, damper, wheelset, steps)
+
+
+def found_beside(
+    known: KnownFolds | None, vehicle: Vehicle, damper: Damper, wheelset: int | None = None, steps: int | None = None
+) -> NonlinearCritical:
+    """`nonlinear_critical` for one trial of many: the vehicle takes its fold from the nearest of those that are `known`, as one lane of a
+    batch does from another, and is added to them.
+
+    Args:
+        known: what earlier trials found; None to search from nothing.
+        vehicle: as there.
+        damper: as there.
+        wheelset: as there.
+        steps: as there, their number.
+    """
     require_double_precision("the nonlinear critical speed")
     linear = linear_critical(vehicle, damper=damper)
     given = bare(rounded(vehicle), damper), (linear.speed, linear.frequency, linear.code)
-    found = _searched(given, default_wheelset(vehicle, wheelset), steps)
+    found = _searched(given, default_wheelset(vehicle, wheelset), steps, known)
     return NonlinearCritical(*found[:3], linear, found[3])  # type: ignore[call-arg]
 
 
@@ -180,28 +196,28 @@ def search_of(
     return FoldSearch(model, Shooting(half if symmetric else 2 * half, wheelset, symmetric), speed, stable)
 
 
-def _many(lanes: Sequence[tuple], slopes: bool, wheelset: int, steps: int | None) -> Answer:
+def _many(lanes: Sequence[tuple], slopes: bool, wheelset: int, steps: int | None, known: KnownFolds | None) -> Answer:
     """Speed, amplitude, frequency and code of each lane: (vehicle, damper), (linear critical speed, frequency, code)."""
     searches: dict[int, FoldSearch] = {}
     for k, (trees, (speed, frequency, code)) in enumerate(lanes):
         if code in (Stability.OK, Stability.STABLE):
             searches[k] = search_of(Model(*trees), float(speed), float(frequency), wheelset, steps)
-    _search(searches)
+    _search(searches, known)
     if steps is None:
         finer = {k: again for k, search in searches.items() if (again := _finer(search)) is not None}
-        _search(finer)
+        _search(finer, known)
         searches |= finer
     rows = [judged(searches.get(k), *(float(value) for value in linear)) for k, (_, linear) in enumerate(lanes)]
     values = tuple(np.array(column) for column in zip(*rows, strict=True))
     return Answer(values, [_slopes(searches.get(k), lane, values[3][k]) for k, lane in enumerate(lanes)] if slopes else None)
 
 
-def _search(searches: dict[int, FoldSearch]) -> None:
+def _search(searches: dict[int, FoldSearch], known: KnownFolds | None) -> None:
     """Those together whose orbits are looked for in the same way."""
     for symmetric in (True, False):
         some = [search for search in searches.values() if search.shooting.symmetric == symmetric]
         if some:
-            search_folds(some)
+            search_folds(some, known)
 
 
 def _finer(search: FoldSearch) -> FoldSearch | None:
