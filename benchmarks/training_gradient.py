@@ -10,7 +10,9 @@ import jax
 import numpy as np
 
 import railjax
-from railjax.tuning import train as training
+from railjax.tuning.course import weights_of
+from railjax.tuning.teacher import Teacher
+from railjax.tuning.train import prepared
 
 LANES, WINDOW = 32, 2.0
 STEP = 1e-6
@@ -26,8 +28,8 @@ def main() -> None:
     law = railjax.LearnedDamper.of(
         railjax.Controller(railjax.Skyhook(damping=1e5), sensors=sensors, device=railjax.Device()), coach, hidden=24
     )
-    teacher = training.Teacher(
-        *training.prepared(coach, law, ["erri-low", "erri-high"], (120 / 3.6, 220 / 3.6)),
+    teacher = Teacher(
+        *prepared(coach, law, ["erri-low", "erri-high"], (120 / 3.6, 220 / 3.6)),
         None,
         {"secondary_travel": 1.0},
         6,
@@ -37,7 +39,7 @@ def main() -> None:
         0,
     )
     rides, rng = teacher.rides(0), np.random.default_rng(0)
-    weights = training.weights_of(law)
+    weights = weights_of(law)
     weights = weights | {"hidden_demand": weights["hidden_demand"] + 0.05}
     along = {name: 0.1 * rng.normal(size=np.shape(value)) for name, value in weights.items()}
     base, prices = {name: np.ones(LANES) for name in ("comfort", "secondary_travel")}, {"secondary_travel": np.asarray(0.5)}

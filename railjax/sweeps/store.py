@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.errors import InputError
+from ..base.fingerprint import differing
 from .chunks import Computed, PointCode, Variable, nothing
 from .points import Blocks
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     import zarr
 
 MARK = "railjax_sweep"  # attribute that holds the fingerprint
-MANY = 2  # differences that a refusal names
 
 
 class SweepStore:
@@ -106,13 +106,8 @@ class SweepStore:
             there = json.loads(group.attrs[MARK])
         except Exception:
             raise InputError(f"{self.path} is there already and holds no sweep: give another name or remove it") from None
-        differing = [key for key in {**there, **self.fingerprint} if there.get(key) != self.fingerprint.get(key)]
-        if differing:
-            told = "; ".join(
-                f"{k} is {_short(there.get(k))} there and {_short(self.fingerprint.get(k))} here" for k in differing[:MANY]
-            )
-            more = f"; and {len(differing) - MANY} more" if len(differing) > MANY else ""
-            raise InputError(f"{self.path} holds another study: {told}{more}; give another name or remove it")
+        if told := differing(there, self.fingerprint):
+            raise InputError(f"{self.path} holds another study: {told}; give another name or remove it")
         self._use(group)
 
     def _use(self, group: "zarr.Group") -> None:
@@ -199,12 +194,6 @@ class SweepStore:
     def _file(self, name: str, where: tuple[int, ...]) -> Path:
         array = self.arrays[name]
         return self.path / name / array.metadata.encode_chunk_key((*where, *(0,) * (array.ndim - len(where))))  # type: ignore[operator]
-
-
-def _short(value: str | None) -> str:
-    if value is None:
-        return "not given"
-    return value if len(value) <= 60 else f"{value[:57]}..."
 
 
 def _to_disk(path: Path) -> None:

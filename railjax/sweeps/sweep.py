@@ -27,6 +27,7 @@ import jax
 from ..base.arguments import guarded
 from ..base.checks import a_function, a_table
 from ..base.errors import InputError, closest
+from ..base.fingerprint import described, lines
 from ..base.progress import Clock, Report, bar, stoppable
 from ..base.source import digest_of_source
 from ..model.damper import Damper
@@ -35,7 +36,6 @@ from ..model.track.shapes import Track
 from ..model.vehicle import Vehicle
 from ..simulation.speed import Speed, a_speed
 from .chunks import Computed, Job, compute
-from .fingerprint import described, lines
 from .names import check_range, owner, unit_of
 from .points import SAMPLED, Blocks, Design, make_design
 from .ready_made import READY_MADE, arguments_of

@@ -67,21 +67,29 @@ def commands(law, vehicle, readings):
     return np.asarray(all_of(law, vehicle, jnp.asarray(readings)))
 
 
-def test_it_begins_as_the_law_it_is_made_of(coach, controller, begun, readings):
+@pytest.fixture(scope="module")
+def full(coach):
+    """Clipped LQR on a filter that is none, but stable and of a filter's shapes."""
+    rng = np.random.default_rng(3)
+    lqr = railjax.ClippedLQR(feedback=rng.normal(size=(2, 34)))
+    parts = {
+        "transition": 0.12 * rng.normal(size=(50, 50)),
+        "drive": 1e-6 * rng.normal(size=(50, 2)),
+        "gain": 0.05 * rng.normal(size=(50, 6)),
+    }
+    assert np.abs(np.linalg.eigvals(parts["transition"])).max() < 0.98
+    return railjax.Controller(lqr, estimator=KalmanFilter(**parts))
+
+
+def test_it_begins_as_the_law_it_is_made_of(coach, controller, begun, full, readings):
     """But for the rounding of the velocity that a demand is divided by."""
     off = commands(begun, coach, readings) - commands(controller, coach, readings)
     assert np.sqrt(np.mean(off**2)) < 0.04
     assert begun.origin == "Skyhook"
     # of clipped LQR all states are fed back as they are estimated
-    rng = np.random.default_rng(3)
-    lqr = railjax.ClippedLQR(feedback=rng.normal(size=(2, 34)))
-    knows = KalmanFilter(
-        **{name: rng.normal(size=(50, columns)) for name, columns in (("transition", 50), ("drive", 2), ("gain", 6))}
-    )
-    full = railjax.Controller(lqr, estimator=knows)
     gain = railjax.LearnedDamper.of(full, coach, hidden=0, time_constants=())
     rows = (gain.linear_gain * gain.demand[:, None] / gain.scale)[:, :34]
-    np.testing.assert_allclose(rows, lqr.feedback, rtol=1e-9)
+    np.testing.assert_allclose(rows, full.wraps.feedback, rtol=1e-9)
     for law, about in ((railjax.Skyhook(), "linear"), (railjax.ADD(), "linear")):
         with pytest.raises(railjax.InputError, match=about):
             railjax.LearnedDamper.of(railjax.Controller(law), coach)
@@ -102,22 +110,50 @@ def test_files_keep_every_bit(coach, other, controller, tmp_path, readings):
             railjax.load_law(wrong)
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
-def test_the_law_in_c_is_the_law(coach, other, readings, tmp_path):
-    """Over 4 s, to 1e-6 of the valve's range."""
-    other.export_c(tmp_path / "law.c", name="ride_law")
-    library = tmp_path / "law.so"
+def run_in_c(law, given, folder, vehicle=None):
+    """What the law's C function commands of readings of single precision, compiled as for a controller."""
+    law.export_c(folder / "law.c", name="ride_law", vehicle=vehicle)
+    library = folder / "law.so"
     warnings = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
-    subprocess.run(["gcc", "-O2", *warnings, "-shared", "-fPIC", str(tmp_path / "law.c"), "-o", str(library), "-lm"], check=True)
+    subprocess.run(["gcc", "-O2", *warnings, "-shared", "-fPIC", str(folder / "law.c"), "-o", str(library), "-lm"], check=True)
     code = ctypes.CDLL(str(library))
-    given = np.ascontiguousarray(readings, np.float32)
     state, found = ctypes.create_string_buffer(1 << 16), np.empty((SAMPLES, 2), np.float32)
     code.ride_law_reset(state)
     for k in range(SAMPLES):
         code.ride_law(state, given[k].ctypes.data_as(ctypes.c_void_p), found[k].ctypes.data_as(ctypes.c_void_p))
+    return found
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+def test_the_law_in_c_is_the_law(coach, other, readings, tmp_path):
+    """Over 4 s, to 1e-6 of the valve's range."""
+    given = np.ascontiguousarray(readings, np.float32)
     wanted = commands(other, coach, given.astype(float))
     assert 0.1 < np.std(wanted) < 0.6
-    np.testing.assert_allclose(found, wanted, atol=1e-6, rtol=0.0)
+    np.testing.assert_allclose(run_in_c(other, given, tmp_path), wanted, atol=1e-6, rtol=0.0)
     for wrong in ("2law", "a-b", ""):
         with pytest.raises(railjax.InputError, match="name"):
             source_of(other, wrong)
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+@pytest.mark.parametrize(
+    "device",
+    [Device(), Device(kind="force", slew=60.0, damping_max=None), Device(kind="force", force_limit=None)],
+    ids=["valve", "force", "limitless"],
+)
+def test_the_law_on_a_kalman_filter_in_c_is_the_law(coach, full, device, readings, tmp_path):
+    """Likewise, the filter's states and the force that it is told included; a force to 1e-6 of the pair's largest."""
+    law = railjax.LearnedDamper.of(dataclasses.replace(full, device=device), coach, hidden=2, time_constants=(0.1,))
+    rng = np.random.default_rng(4)
+    law = dataclasses.replace(
+        law, linear_gain=law.linear_gain * (3e5 if device.kind == "valve" else 3e3), hidden_demand=0.05 * rng.normal(size=(2, 2))
+    )
+    given = np.ascontiguousarray(readings, np.float32)
+    wanted = commands(law, coach, given.astype(float))
+    largest = 1.0 if device.kind == "valve" else 1e4
+    assert 0.1 < np.std(wanted) / largest < 1.0, np.std(wanted)
+    # numbers of single precision have 1e-7 of themselves
+    np.testing.assert_allclose(run_in_c(law, given, tmp_path, coach), wanted, atol=1e-6 * largest, rtol=1e-7)
+    with pytest.raises(railjax.InputError, match="vehicle"):
+        source_of(law, "law")

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from scipy.stats import qmc
 
 import railjax
+from railjax.base.fingerprint import described, lines
 from railjax.sweeps.chunks import PointCode
-from railjax.sweeps.fingerprint import described, lines
 from railjax.sweeps.names import placed, unit_of
 from railjax.sweeps.points import Blocks, Design, make_design
 
@@ -448,7 +448,7 @@ def test_functions_are_told_apart_by_what_they_compute(monkeypatch):
 def test_functions_are_told_the_same_in_another_process():
     code = (
         "import test_sweep, railjax\n"
-        "from railjax.sweeps.fingerprint import described\n"
+        "from railjax.base.fingerprint import described\n"
         "print(*[described(value) for value in (test_sweep.with_global, test_sweep.with_set, railjax.ForcedRun())], sep='|')"
     )
     # strings hash differently in every process, so sets come in another order

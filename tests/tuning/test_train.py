@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import railjax
+from railjax.tuning import course, teacher
 from railjax.tuning import train as training
 from railjax.tuning.train import train
 
@@ -30,8 +31,8 @@ def law(coach):
 @pytest.fixture(scope="module", autouse=True)
 def one_teacher():
     """What all trainings here share is compiled once."""
-    made, one_kernel, kept = training.Teacher, training.jit, {}
-    training.jit = jax.jit  # compiled in a third of the time, and as right
+    made, one_kernel, kept = training.Teacher, teacher.jit, {}
+    teacher.jit = jax.jit  # compiled in a third of the time, and as right
 
     def shared(*arguments):
         new = made(*arguments)
@@ -42,7 +43,7 @@ def one_teacher():
 
     training.Teacher = shared
     yield
-    training.Teacher, training.jit = made, one_kernel
+    training.Teacher, teacher.jit = made, one_kernel
 
 
 def same(one, other):
@@ -68,9 +69,9 @@ def test_the_same_seed_gives_the_same_law_to_the_bit_also_after_a_stop(coach, la
     np.testing.assert_array_equal(again.history, whole.history)
     same(again.law, whole.law)
     assert "2 episodes" in str(again)
-    with pytest.raises(railjax.InputError, match="another training"):
+    with pytest.raises(railjax.InputError, match="another training: lanes is 4 there and 6 here"):
         train(coach, law, **(SMALL | {"lanes": 6}), episodes=2, keep=kept)
-    with pytest.raises(railjax.InputError, match="another training"):
+    with pytest.raises(railjax.InputError, match=r"another training: vehicle\.carbody\.mass is"):
         train(railjax.replace(coach, carbody__mass=1.01 * coach.carbody.mass), law, **SMALL, episodes=2, keep=kept)
     with pytest.raises(railjax.InputError, match="hunts"):
         train(coach, law, **(SMALL | {"speeds": (60.0, 110.0)}), episodes=1)
@@ -78,20 +79,20 @@ def test_the_same_seed_gives_the_same_law_to_the_bit_also_after_a_stop(coach, la
 
 def test_gradient_of_the_closed_loop_is_that_of_differences(coach, law):
     """Along a random direction of all weights at once, over noise, delay, estimator and device; 0.2 s, 2 rides."""
-    teacher = training.Teacher(
+    taught = training.Teacher(
         *training.prepared(coach, law, SMALL["tracks"], SPEEDS), None, {"secondary_travel": 1.0}, 3, 0.2, 4, 1e-3, 0
     )
-    rides = teacher.rides(0).part(np.arange(2))
-    weights, rng = training.weights_of(law), np.random.default_rng(0)
+    rides = taught.rides(0).part(np.arange(2))
+    weights, rng = course.weights_of(law), np.random.default_rng(0)
     weights = weights | {"hidden_demand": weights["hidden_demand"] + 0.1}
     along = {name: rng.normal(size=np.shape(value)) * 0.1 for name, value in weights.items()}
-    x, echo = teacher.start(2), 0.05 + teacher.silence(2)
+    x, echo = taught.start(2), 0.05 + taught.silence(2)
     x[:34] = 1e-3 * rng.normal(size=(34, 2))
     base, prices = {name: np.ones(2) for name in ("comfort", "secondary_travel")}, {"secondary_travel": np.asarray(0.5)}
 
     def value(share):
         moved = {name: np.asarray(weights[name] + share * along[name]) for name in weights}
-        return teacher.gradient(moved, rides, x, echo, base, prices)
+        return taught.gradient(moved, rides, x, echo, base, prices)
 
     (_, _), slope = value(0.0)
     step = 1e-5

@@ -97,7 +97,7 @@ def train(
         )
     found.law.save(out)
     if c_file is not None:
-        found.law.export_c(c_file)
+        found.law.export_c(c_file, vehicle=loaded)
     content = {
         "vehicle": loaded.name,
         "law": str(out),

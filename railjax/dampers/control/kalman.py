@@ -1,7 +1,7 @@
 """A steady Kalman filter of the whole vehicle: all states from a few sensors, by the vehicle's own equations of motion."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -85,33 +85,15 @@ class KalmanFilter:
         import scipy.linalg
 
         require_double_precision("KalmanFilter.design")
-        vehicle = without_labels(vehicle)
-        plant, n = _Plant(sensors), len(vehicle.geometry.bogie_pattern)
-        count = size(vehicle)
-        forces = np.arange(2 * count, 2 * count + n)
-        whole, track = (np.asarray(part(vehicle, speed, plant)) for part in (state_matrix, track_matrix))
-        a = np.delete(np.delete(whole, forces, axis=0), forces, axis=1)
-        b, e = (np.delete(part, forces, axis=0) for part in (whole[:, forces], track))
-        read = np.delete(np.asarray(jax.jacfwd(lambda x: _readings(vehicle, sensors, x))(jnp.zeros(len(whole)))), forces, axis=1)
-        # the track's low-pass and the biases as states of their own, which nothing moves but noise
-        wheels, readings, biased = e.shape[1], len(read), np.repeat(np.asarray(sensors.bias, float), n)
-        slow = np.concatenate([np.full(wheels, speed * FLAT), np.full(readings, WANDERS)])
-        outside = np.hstack([e, np.zeros((len(a), readings))])
-        a = np.block([[a, outside], [np.zeros((len(slow), len(a))), -np.diag(slow)]])
-        b = np.vstack([b, np.zeros((len(slow), n))])
-        read = np.hstack([read, np.zeros((readings, wheels)), np.eye(readings)])
-        noise = np.zeros(len(a))
-        noise[count : 2 * count] = disturbance**2
-        noise[-len(slow) :] = np.concatenate([np.full(wheels, np.pi * roughness * speed), 2.0 * WANDERS * biased**2])
+        model = linear_model(without_labels(vehicle), speed, sensors, roughness, disturbance)
+        a, n = model.a, model.b.shape[1]
         # over a sample, by one exponential (Van Loan 1978)
         zero = np.zeros_like(a)
-        both = scipy.linalg.expm(np.block([[-a, np.diag(noise)], [zero, a.T]]) * sample_time)
+        both = scipy.linalg.expm(np.block([[-a, np.diag(model.noise)], [zero, a.T]]) * sample_time)
         transition = both[len(a) :, len(a) :].T
         spread = transition @ both[: len(a), len(a) :]
-        driven = scipy.linalg.expm(np.block([[a, b], [np.zeros((n, len(a) + n))]]) * sample_time)[: len(a), len(a) :]
-        measured = np.repeat(np.asarray(sensors.noise) ** 2 + np.asarray(sensors.quantum) ** 2 / 12.0, n)
-        least = np.repeat([LEAST * KINDS[name].noise for name in sensors.names], n)
-        measured = np.diag(np.maximum(measured, least**2))
+        driven = scipy.linalg.expm(np.block([[a, model.b], [np.zeros((n, len(a) + n))]]) * sample_time)[: len(a), len(a) :]
+        read, measured = model.read, np.diag(model.measured)
         try:
             cost = scipy.linalg.solve_discrete_are(transition.T, read.T, 0.5 * (spread + spread.T), measured)
         except (np.linalg.LinAlgError, ValueError) as error:
@@ -177,6 +159,48 @@ class KalmanFilter:
         deflected = [deflections(vehicle, part) for part in (q, rates)]
         travel, velocity = (part[damper_point(part)] for part in deflected)
         return Estimate(travel, velocity, Seen(q, rates, elongation))
+
+
+class LinearModel(NamedTuple):
+    """x' = A x + B u + w, y = C x + e, with w white of the densities `noise` and e of the variances `measured`, all in SI."""
+
+    a: Float[np.ndarray, "states states"]
+    b: Float[np.ndarray, "states bogies"]
+    read: Float[np.ndarray, "readings states"]  # C
+    noise: Float[np.ndarray, "states"]
+    measured: Float[np.ndarray, "readings"]
+
+
+def linear_model(vehicle: Vehicle, speed: float, sensors: Sensors, roughness: float, disturbance: float) -> LinearModel:
+    """What `KalmanFilter.design`, whose arguments these are, takes vehicle, track and sensors for.
+
+    Args:
+        vehicle: a single vehicle.
+        speed: m/s.
+        sensors: what is read.
+        roughness: A, m (rad/m)²·m per rad.
+        disturbance: r.m.s. change of each rate in 1 s, m/s or rad/s.
+    """
+    plant, n = _Plant(sensors), len(vehicle.geometry.bogie_pattern)
+    count = size(vehicle)
+    forces = np.arange(2 * count, 2 * count + n)
+    whole, track = (np.asarray(part(vehicle, speed, plant)) for part in (state_matrix, track_matrix))
+    a = np.delete(np.delete(whole, forces, axis=0), forces, axis=1)
+    b, e = (np.delete(part, forces, axis=0) for part in (whole[:, forces], track))
+    read = np.delete(np.asarray(jax.jacfwd(lambda x: _readings(vehicle, sensors, x))(jnp.zeros(len(whole)))), forces, axis=1)
+    # the track's low-pass and the biases as states of their own, which nothing moves but noise
+    wheels, readings, biased = e.shape[1], len(read), np.repeat(np.asarray(sensors.bias, float), n)
+    slow = np.concatenate([np.full(wheels, speed * FLAT), np.full(readings, WANDERS)])
+    outside = np.hstack([e, np.zeros((len(a), readings))])
+    a = np.block([[a, outside], [np.zeros((len(slow), len(a))), -np.diag(slow)]])
+    b = np.vstack([b, np.zeros((len(slow), n))])
+    read = np.hstack([read, np.zeros((readings, wheels)), np.eye(readings)])
+    noise = np.zeros(len(a))
+    noise[count : 2 * count] = disturbance**2
+    noise[-len(slow) :] = np.concatenate([np.full(wheels, np.pi * roughness * speed), 2.0 * WANDERS * biased**2])
+    measured = np.repeat(np.asarray(sensors.noise) ** 2 + np.asarray(sensors.quantum) ** 2 / 12.0, n)
+    least = np.repeat([LEAST * KINDS[name].noise for name in sensors.names], n)
+    return LinearModel(a, b, read, noise, np.maximum(measured, least**2))
 
 
 def vehicle_wheels(vehicle: Vehicle) -> int:

@@ -193,10 +193,18 @@ class LearnedDamper(SampledLoop):
         save_law(self, path)
 
     @guarded(path=a_path)
-    def export_c(self, path: str | Path, name: str = "damper_law") -> None:
-        """Write the law as a C99 function `name` of the readings of all sensors, in single precision and without dependencies, to a file
-        that explains itself. Sensors and device are not in it. Raises `InputError` for laws on a Kalman filter."""
-        write_c(self, path, name)
+    def export_c(self, path: str | Path, name: str = "damper_law", vehicle: Vehicle | None = None) -> None:
+        """Write the law as a C99 function of the readings of all sensors, in single precision and without dependencies, to a file that
+        explains itself. Sensors and device are not in it.
+
+        Args:
+            path: of the file.
+            name: of the function, a name in C.
+            vehicle: that a law on a Kalman filter belongs to, which tells the velocity across the dampers by the filter's states; else None.
+
+        Raises `InputError` where a Kalman filter's vehicle is not given, and where the file cannot be written.
+        """
+        write_c(self, path, name, vehicle)
 
     def fault(self) -> str | None:
         """What is wrong with the parts together."""

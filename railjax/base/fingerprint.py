@@ -1,6 +1,6 @@
-"""What a study is, as text: equal for equal studies, different for different ones, readable where that is possible.
+"""What a study or a training is, as text: equal for equal ones, different for different ones, readable where that is possible.
 
-A store of results keeps these lines, so that it is only ever continued by the study that began it and can say what differs.
+Its file keeps these lines, so that it is only ever continued by what began it and can say what differs.
 """
 
 import contextlib
@@ -19,6 +19,8 @@ import numpy as np
 
 #: numbers that a line shows one by one; longer arrays are named by their digest
 SHOWN = 6
+#: differences that a refusal names
+MANY = 2
 
 
 def described(value: Any) -> str:
@@ -34,6 +36,19 @@ def lines(prefix: str, value: Any) -> dict[str, str]:
     for field in dataclasses.fields(value):
         found |= lines(f"{prefix}.{field.name}", getattr(value, field.name))
     return found
+
+
+def differing(there: Mapping[str, str], here: Mapping[str, str]) -> str:
+    """In words, which lines differ, the first few of them; empty where none does."""
+    keys = [key for key in {**there, **here} if there.get(key) != here.get(key)]
+    told = "; ".join(f"{key} is {_short(there.get(key))} there and {_short(here.get(key))} here" for key in keys[:MANY])
+    return told + (f"; and {len(keys) - MANY} more" if len(keys) > MANY else "")
+
+
+def _short(value: str | None) -> str:
+    if value is None:
+        return "not given"
+    return value if len(value) <= 60 else f"{value[:57]}..."
 
 
 def _digest(*pieces: bytes) -> str:

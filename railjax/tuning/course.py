@@ -1,0 +1,71 @@
+"""Where a training stands: weights, the optimiser's memory, prices and the best so far; and its file, from which it goes on."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base.errors import InputError
+from ..base.fingerprint import differing
+from ..dampers.control.learned import LearnedDamper
+
+#: trained as their logarithm
+POSITIVE = ("time_constants",)
+
+Weights = dict[str, Float[Array, "..."]]
+
+
+class Course(NamedTuple):
+    """Where training stands between two episodes."""
+
+    weights: Weights
+    memory: Any  # of the optimiser
+    prices: dict[str, Any]  # of what has a limit: Lagrange's multipliers
+    best: Weights
+    best_score: float
+    stale: int  # validations since then
+    episode: int
+    history: list[tuple[float, ...]]
+
+
+def weights_of(law: LearnedDamper) -> Weights:
+    """What training changes, times as their logarithms."""
+    found = {name: getattr(law, name) for name in LearnedDamper.TRAINED if getattr(law, name) is not None}
+    return {name: jnp.log(value) if name in POSITIVE else jnp.asarray(value) for name, value in found.items()}
+
+
+def with_weights(law: LearnedDamper, weights: Weights) -> LearnedDamper:
+    """The law with these."""
+    return dataclasses.replace(law, **{name: jnp.exp(value) if name in POSITIVE else value for name, value in weights.items()})
+
+
+def kept(path: str | Path, course: Course, fingerprint: dict[str, str]) -> None:
+    """Write where training stands, under another name first."""
+    leaves = jax.tree.leaves((course.weights, course.memory, course.prices, course.best))
+    path = Path(path)
+    beside = path.with_name(path.name + ".part.npz")
+    numbers = {f"leaf_{k}": np.asarray(leaf) for k, leaf in enumerate(leaves)}
+    np.savez(
+        beside, fingerprint=json.dumps(fingerprint), history=np.array(course.history), counts=np.array([course.episode, course.stale]),
+        best_score=course.best_score, **numbers,
+    )  # fmt: skip
+    beside.replace(path)
+
+
+def taken_up(path: str | Path, course: Course, fingerprint: dict[str, str]) -> Course:
+    """Where a training that was stopped stood; the beginning where there is no file."""
+    if not Path(path).exists():
+        return course
+    with np.load(path, allow_pickle=False) as kept:
+        if different := differing(json.loads(str(kept["fingerprint"])), fingerprint):
+            raise InputError(f"{path} is of another training: {different}; give keep= another name")
+        structure = jax.tree.structure((course.weights, course.memory, course.prices, course.best))
+        weights, memory, prices, best = structure.unflatten([kept[f"leaf_{k}"] for k in range(structure.num_leaves)])
+        episode, stale = (int(number) for number in kept["counts"])
+        history = [tuple(float(number) for number in row) for row in kept["history"]]
+        return Course(weights, memory, prices, best, float(kept["best_score"]), stale, episode, history)
