@@ -8,6 +8,9 @@ import pytest
 
 import railjax
 from railjax import with_profiles
+from railjax.model.parameters import bare
+from railjax.stability.hunting.adjoint import along, weighted
+from railjax.stability.hunting.orbits import Model, Orbit, Shooting, pack, rounded
 
 #: unequal wheels of a lone wheelset, m
 UNEQUAL = (0.4501, 0.4499)
@@ -57,6 +60,22 @@ def test_derivative_of_the_fold_by_the_table(wheelset, narrow, unequal):
 
         difference = (float(speed(1e-3)) - float(speed(-1e-3))) / 2e-3
         assert float(jax.grad(speed)(0.0)) == pytest.approx(difference, rel=1e-4)
+
+
+def test_derivatives_of_a_section_of_four_wheelsets_forwards_and_backwards(coach):
+    """The discrete adjoint against the derivative along one direction, towards another gauge and softer springs."""
+    vehicle, other = (with_profiles(coach, gauge=gauge) for gauge in (1.435, 1.434))
+    other = dataclasses.replace(
+        railjax.replace(other, primary__stiffness_x=0.9 * coach.primary.stiffness_x),
+        profiles=dataclasses.replace(other.profiles, given=vehicle.profiles.given),
+    )
+    model, changed = (Model(*bare(rounded(one), railjax.PassiveDamper())) for one in (vehicle, other))
+    shooting, rng = Shooting(16, 0, False), np.random.default_rng(3)
+    state = np.concatenate([1e-3 * rng.normal(size=17), 1e-2 * rng.normal(size=17)])
+    unknowns, weights = pack(model, shooting, Orbit(state, 0.05, 50.0)), rng.normal(size=34)
+    change = changed.numbers - model.numbers
+    expected = weights @ along(model, shooting, unknowns, change)
+    np.testing.assert_allclose(weighted(model, shooting, unknowns, weights) @ change, expected, rtol=1e-9)
 
 
 def test_derivatives_by_gauge_inclination_and_radii(wheelset):
