@@ -74,7 +74,8 @@ def contact_at(profiles: Profiles, y: Wheelsets) -> ContactAt:
     of = jnp.moveaxis(values, -1, 0)
     first = len(SHARED)
     wheels = of[first:].reshape((len(OF_WHEEL), 2, *of.shape[1:]))
-    return ContactAt(*(of[k] for k in range(first)), slope / profiles.step, *(wheels[k] for k in range(len(OF_WHEEL))))
+    found = [*(of[k] for k in range(first)), slope / profiles.step, *(wheels[k] for k in range(len(OF_WHEEL)))]
+    return ContactAt(*found)
 
 
 def seated(vehicle: Vehicle, y_rel: Wheelsets, y_rate: Wheelsets) -> tuple[ContactAt, Wheelsets, Wheelsets]:

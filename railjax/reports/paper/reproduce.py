@@ -35,6 +35,7 @@ GROUPS = (
         "railjax.reports.paper.studies.acceptance",
     ),
     ("railjax.reports.paper.studies.tuning", "railjax.reports.paper.studies.steering"),
+    ("railjax.reports.paper.studies.wheel_profile",),
 )
 
 Progress = Callable[[str, int, int], None]

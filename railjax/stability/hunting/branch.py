@@ -120,7 +120,8 @@ def hunting_branch(
         criticality = "subcritical" if slope < 0.0 else "supercritical"
     cycles = {id(point): limit_cycle_at(model, shooting, point) for point in (*below, *above, *folds)}
     pieces = tuple(tuple(cycles[id(point)] for point in piece) for piece in (below, above) if piece)
-    pieces = ((*first, *pieces[0]), *pieces[1:])
+    if below:  # else no limit cycle near the Hopf point could be computed, and nothing is drawn to it
+        pieces = ((*first, *pieces[0]), *pieces[1:])
     turning = tuple(cycles[id(fold)] for fold in folds)
     smooth = vehicle.contact.law == "smooth" and vehicle.profiles is None
     return Branch(
@@ -191,7 +192,7 @@ class _Tracer:
             above = self._without_fold(highest)
             if self._small(above[0]):
                 return above, [], [], ""
-        below, turns = self._from_hopf()
+        below, turns = self._from_hopf(highest)
         if turns and folds and self._same(turns[-1], folds[0]):
             return [*below[:-1], *above], [], [*turns[:-1], *folds], ""
         note = (
@@ -208,9 +209,7 @@ class _Tracer:
         steps = steps_of_period(self.model, speed, period)
         problem = attractors.settled(self.model, self.shooting, shape * self.clearance + self.model.rest, period, speed, steps)
         entry = solved(self.model, self.shooting, problem)
-        furthest = np.inf
         if not entry.usable:
-            furthest = highest
             entry = self._of_slow_bogies(attractors.Start(self.model, shape + self.model.rest, period, speed, steps))
         if not (entry.usable and entry.unknowns[-1] * SPEED > self.speed):
             raise NumericalError(
@@ -219,7 +218,7 @@ class _Tracer:
             )
         upwards = entry._replace(direction=entry.direction * np.sign(entry.slope))
         up = self._up_to(highest, upwards)
-        return [*self._to_hopf(upwards._replace(direction=-upwards.direction), furthest)[::-1], entry, *up]
+        return [*self._to_hopf(upwards._replace(direction=-upwards.direction), highest)[::-1], entry, *up]
 
     def _of_slow_bogies(self, start: attractors.Start) -> Point:
         """The limit cycle of bogies that barely feel each other, which settle slowly: that to which one of their patterns leads, a stable
@@ -261,21 +260,24 @@ class _Tracer:
                 return
             yield found
 
-    def _to_hopf(self, start: Point, furthest: float) -> list[Point]:
-        """Onwards to small amplitudes, or away from them up to the speed `furthest` (m/s)."""
+    def _to_hopf(self, start: Point, highest: float) -> list[Point]:
+        """Onwards to small amplitudes, or away from them up to the highest speed (m/s)."""
         points: list[Point] = []
         for point, _ in self._follow(start):
             points.append(point)
-            if self._small(point) or point.unknowns[-1] * SPEED > furthest:
+            if self._small(point) or point.unknowns[-1] * SPEED > highest:
                 break
         return points
 
     def _small(self, point: Point) -> bool:
         return bool(point.amplitude - self.model.offset[self.shooting.wheelset] < DOWN_TO * self.clearance)
 
-    def _from_hopf(self) -> tuple[list[Point], list[Point]]:
-        """From near the Hopf point down to it as far as it goes, and up to the fold at its lowest speed; with all folds."""
+    def _from_hopf(self, highest: float) -> tuple[list[Point], list[Point]]:
+        """From near the Hopf point down to it as far as it goes, and up to the fold at its lowest speed, or to the highest speed (m/s); with
+        all folds."""
         start = self._small_orbit(NEAR_HOPF)
+        if not start.usable:  # where the contact changes within a fraction of a millimetre
+            start = self._small_orbit(NEARER_HOPF)
         if not start.usable:
             return [], []
         below = []
@@ -294,6 +296,8 @@ class _Tracer:
                     break
             points.append(point)
             before = point
+            if point.unknowns[-1] * SPEED > highest:
+                break
         return points, turns
 
     def _rises(self, point: Point) -> bool:
