@@ -111,7 +111,7 @@ class Controlled(Law):
             rates["opening"] = (decision - state["opening"]) / self.actuator_lag
         if "sensed" in state:
             rates["sensed"] = (measured - state["sensed"]) / self.sensor_lag
-        if "mean" in state:
+        if self.mean_over is not None:
             rates["mean"] = measured / self.mean_over
         zero = jnp.zeros_like(velocity)
         rate = jnp.stack([rates.get(name, zero) for name in self.states]) if self.states else internal
