@@ -6,8 +6,9 @@ from scipy.optimize import root
 G, BASE = 9.81, 1.5
 
 
-def independent(vehicle, speed, radius, cant):
-    """Equilibrium of a vehicle of two bogies with two axles, body by body and spring by spring; the load grows, SciPy's hybrid method."""
+def equations(vehicle, speed, radius, cant):
+    """Forces and moments (kN, kN m) on a vehicle of two bogies with two axles, body by body and spring by spring, of its coordinates and a
+    share of the load."""
     p, s, g, c, w = vehicle.primary, vehicle.secondary, vehicle.geometry, vehicle.contact, vehicle.wheelset
     l, a, e, dc, do = g.half_pivot_distance, g.half_wheelbase, g.half_gauge, g.half_secondary, g.half_primary
 
@@ -49,6 +50,12 @@ def independent(vehicle, speed, radius, cant):
         parts = [body, frame[:, 0], frame[:, 1], frame[:, 2], wheels[..., 0].ravel(), wheels[..., 1].ravel()]
         return np.concatenate(parts) / 1e3
 
+    return forces
+
+
+def independent(vehicle, speed, radius, cant):
+    """Equilibrium; the load grows, SciPy's hybrid method."""
+    forces = equations(vehicle, speed, radius, cant)
     q = np.zeros(17)
     for load in np.linspace(0.05, 1.0, 20):
         found = root(lambda q, load=load: forces(q * 1e-3, load), q * 1e3, method="hybr", tol=1e-13, options={"maxfev": 20000})

@@ -17,6 +17,7 @@ from railjax.tuning.quantity import Quantity
 
 SPEED = 200 / 3.6
 OTHERS = {name: CONTROLLED[name] for name in ("balance, limited, soft", "balance, lags", "skyhook, lags")}
+OTHERS["balance, centred"] = railjax.BalanceLogic(0.7, centring=1.5)
 OTHERS["maxwell"] = railjax.MaxwellDamper(25e3, 5e6, 0.1, 5e3)
 #: those with springs of their own; all others only take energy out, at every instant
 SPRINGS = ("bouc-wen", "maxwell")

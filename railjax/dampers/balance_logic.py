@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from ..base.fields import parameter
+from ..base.fields import optional, parameter
 from ..base.pytrees import registered
 from ..base.typing import Number, Scalar
 from ..model.damper import Bogies, EquivalentDamper, Seen
@@ -22,9 +22,15 @@ class BalanceLogic(ForceControlled):
     Reading 2: the paper's prose says the opposite of its equations (the damper would act while the car body moves away); the
     equations are the ones that make sense and are implemented. In semi-active runs this replaces rho_cy (C' has none).
     Signal: -Δy_c, m. Sensible: α 0.2 to 1.
+
+    In a curve the suspension stands deflected, and the law as it is, which takes that for vibration, pushes the car body further out with
+    every motion back. With `centring` it balances Δy_c less its mean over that time, a first-order high-pass with a state of its own: on
+    straight track next to the same, in an arc the same again once it has been there for three times as long. Sensible: 2 to 4 s
+    (benchmarks/semiactive_curve.py).
     """
 
     alpha: Number = parameter("1", "α", "share of the elastic force that is balanced", 1.0)
+    centring: Number = optional("s", "τ_c", "time constant of the mean travel, which is taken off; left out: none", positive=True)
     signal_scale: ClassVar[float] = 0.01
     largest_signal: ClassVar[float] = LARGEST_TRAVEL
 
@@ -41,14 +47,19 @@ class BalanceLogic(ForceControlled):
         """
         return -travel
 
+    @property
+    def mean_over(self) -> Number | None:
+        """`centring`, s."""
+        return self.centring
+
     def gain(self, vehicle: Vehicle) -> Scalar:
         """2 α k_cy, N/m."""
         return 2.0 * self.alpha * vehicle.secondary.stiffness_y
 
     @property
     def memoryless(self) -> bool:
-        """Without lags: the sharp law's held decision is that of the instant."""
-        return self.sensor_lag is None and self.actuator_lag is None
+        """Without lags and mean: the sharp law's held decision is that of the instant."""
+        return self.sensor_lag is None and self.actuator_lag is None and self.centring is None
 
     def describing(self, vehicle: Vehicle, omega: Scalar) -> EquivalentDamper | None:
         """Its describing function at ω = `omega` (rad/s), which holds for every amplitude, as the law is homogeneous without lags and limit: for

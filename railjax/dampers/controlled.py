@@ -56,11 +56,17 @@ class Controlled(Law):
     signal_scale: ClassVar[float] = 1.0
 
     @property
+    def mean_over(self) -> Number | None:
+        """Time constant (s) of the mean that is taken off the measurement; None: none is."""
+        return None
+
+    @property
     def states(self) -> tuple[str, ...]:
-        """Internal states by name: held decision and direction of the sharp law and its clock, lagged opening, lagged measurement."""
+        """Internal states by name: held decision and direction of the sharp law and its clock, lagged opening, mean and lag of the measurement."""
         names: tuple[str, ...] = ("decision", "direction") if self.law == "sharp" else ()
         names += ("clock",) if self.law == "sharp" and self.sample_time is not None else ()
         names += () if self.actuator_lag is None else ("opening",)
+        names += () if self.mean_over is None else ("mean",)
         return names if self.sensor_lag is None else (*names, "sensed")
 
     @property
@@ -92,6 +98,7 @@ class Controlled(Law):
         """Internal states by name, the measurement and the signal."""
         state = dict(zip(self.states, internal, strict=True))
         measured = self.measured(vehicle, travel, seen)
+        measured = measured - state["mean"] if "mean" in state else measured
         return state, measured, self.signal(measured, state.get("sensed"))
 
     def force(self, vehicle: Vehicle, travel: Bogies, velocity: Bogies, internal: Bogies, seen: Seen) -> tuple[Bogies, Bogies]:
@@ -104,6 +111,8 @@ class Controlled(Law):
             rates["opening"] = (decision - state["opening"]) / self.actuator_lag
         if "sensed" in state:
             rates["sensed"] = (measured - state["sensed"]) / self.sensor_lag
+        if self.mean_over is not None:
+            rates["mean"] = measured / self.mean_over
         zero = jnp.zeros_like(velocity)
         rate = jnp.stack([rates.get(name, zero) for name in self.states]) if self.states else internal
         return self.delivered(vehicle, signal, velocity, state.get("opening", decision), direction), rate

@@ -126,8 +126,7 @@ def pareto(
     objective, constraints = checked(objective, constraints, damper)
     against, _ = checked(against, (), damper)
     space = DesignSpace.of(vehicle, damper, parameters)
-    trials = objective.remembering(), against.remembering(), [entry.remembering() for entry in constraints]
-    search = _Descents(space, *trials, tolerance)
+    search = _Descents(space, *_remembering(objective, against, constraints), tolerance)
     low, high = search.ends()
     found = search.between(low, high, points)
     rows = [(*search.values(x), not missed, x) for x, missed in found]
@@ -152,6 +151,19 @@ def pareto(
         vehicle.name,
         notes,
     )
+
+
+def _remembering(
+    objective: Quantity, against: Quantity, constraints: list[Constraint]
+) -> tuple[Quantity, Quantity, list[Constraint]]:
+    """All of them for the trials of one search; what is named twice remembers, and is computed, once."""
+    trials: dict[int, Quantity] = {}
+
+    def once(quantity: Quantity) -> Quantity:
+        return trials.setdefault(id(quantity), quantity.remembering())
+
+    kept = [dataclasses.replace(entry, quantity=once(entry.quantity)) for entry in constraints]
+    return once(objective), once(against), kept
 
 
 class _Descents:

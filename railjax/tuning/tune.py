@@ -52,7 +52,9 @@ class Evaluator:
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self.last is None or not np.array_equal(self.last[0], x):
             quantities = [self.objective, *(entry.quantity for entry in self.constraints)]
-            self.last = x.copy(), [differentiated_to_the_end(quantity, self.space, x) for quantity in quantities]
+            each = {id(quantity): quantity for quantity in quantities}
+            once = {key: differentiated_to_the_end(quantity, self.space, x) for key, quantity in each.items()}
+            self.last = x.copy(), [once[id(quantity)] for quantity in quantities]
             self.ends |= {point.tobytes(): [found[2][k] for found in self.last[1]] for k, point in enumerate(x)}
         found = self.last[1]
         values, slopes = (np.stack([pair[k] for pair in found], axis=1) for k in (0, 1))

@@ -13,6 +13,8 @@ from laws import ALL, CONTROLLED, K
 import railjax
 from railjax.dampers.sampling import sampled
 from railjax.model.damper import HARD, SOFT
+from railjax.model.kinematics import deflections, size, split
+from railjax.model.track.curve import arc as curve_arc
 from railjax.simulation.step_size import fastest_rate
 
 H, L = 1.24, 8.6  # h_cc, l
@@ -234,3 +236,45 @@ def test_bad_numbers_are_refused_in_one_line(coach, damper, message):
     with pytest.raises(railjax.InputError, match=message) as caught:
         railjax.simulate(coach, 50.0, damper=damper, duration=0.1)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_centred_balance_logic_by_hand(coach):
+    """The law of Δy_c less its mean, which follows with the rate of a first-order lag; over a very long time it is the law itself."""
+    plain, centred = railjax.BalanceLogic(0.7), railjax.BalanceLogic(0.7, centring=1.5)
+    travel, velocity, internal, seen = laws.instant(coach, plain, 0, lanes=(8,))
+    standing = 0.03
+    mean = jnp.concatenate([internal, jnp.full_like(internal[:1], -standing)])  # of what is measured, -Δy_c
+    alike, _ = laws.force(coach, plain, travel, velocity, internal, seen)
+    found, rates = laws.force(coach, centred, travel + standing, velocity, mean, seen)
+    np.testing.assert_allclose(found, alike, rtol=1e-12)
+    np.testing.assert_allclose(rates[-1], -np.asarray(travel) / 1.5, rtol=1e-12)
+    long = railjax.BalanceLogic(0.7, centring=1e9)
+    same, _ = laws.force(coach, long, travel, velocity, mean.at[-1].set(0.0), seen)
+    np.testing.assert_allclose(same, alike, rtol=1e-12)
+    assert plain.memoryless
+    assert not centred.memoryless
+    assert centred.describing(coach, 30.0) is None
+
+
+def test_balance_logic_in_a_curve(coach):
+    """It takes the standing deflection for vibration and pushes the car body out; centred it leaves the deflection as it is."""
+    steady = railjax.curving(coach, 40.0, radius=1000.0, cant=0.1)
+    standing = float(np.mean(travel_in_equilibrium(coach, steady)))
+    arc = railjax.Layout(
+        [railjax.Segment.straight(20.0), railjax.Segment.transition(80.0), railjax.Segment.arc(600.0, 1000.0, 0.1)]
+    )
+    options = {"layout": arc, "track": railjax.SinusoidTrack(3e-3, 20.0), "duration": 14.0, "record": ["secondary_travel"]}
+    means = {}
+    for centring in (None, 1.0):
+        run = railjax.simulate(coach, 40.0, damper=railjax.BalanceLogic(0.7, centring=centring), **options)
+        means[centring] = float(np.mean(np.asarray(run["secondary_travel"])[-400:]))
+    assert means[None] / standing > 1.2
+    assert means[1.0] == pytest.approx(standing, rel=0.05)
+
+
+def travel_in_equilibrium(coach, steady):
+    """Δy_c of each bogie in steady curving: what a passive run settles on."""
+    groups = split(coach, jnp.asarray(steady.state[: size(coach)]))
+    curve = curve_arc(coach, 40.0, 1e-3, 0.1 / 1.5, jnp.zeros((2, 2)))
+    still = {name: jnp.zeros_like(value) for name, value in groups.items()}
+    return curve.added(coach, deflections(coach, groups), deflections(coach, still))[0]["secondary_y"]

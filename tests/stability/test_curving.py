@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from curve_reference import BASE, G, independent
+from curve_reference import BASE, G, equations, independent
 from derivatives import check
 
 import railjax
@@ -94,6 +94,18 @@ def test_gradients_of_wear_and_guiding_force(coach):
         return jnp.stack([found.wear_number, 1e-3 * found.guiding_force[0, 0], 1e3 * found.angle_of_attack[0]])
 
     check(of, 3.2, 0.3, 20.0, 3.0, 0.1, rtol=1e-6, atol=1e-5)
+
+
+def test_hardly_any_friction(coach):
+    """Found from where more friction would leave them, each an equilibrium of the independent equations."""
+    friction, radius = np.array([0.043, 0.055, 0.034, 0.038]), np.array([346.0, 369.0, 410.0, 358.0])
+    cant, speed = np.array([0.078, 0.1, 0.021, 0.038]), np.array([19.7, 18.0, 15.9, 10.8])
+    found = railjax.curving(railjax.replace(coach, contact__friction=friction), speed, radius=radius, cant=cant)
+    assert found.code.tolist() == [0, 0, 0, 0]
+    for k in range(4):
+        one = railjax.replace(coach, contact__friction=float(friction[k]))
+        left = equations(one, speed[k], radius[k], cant[k])(np.asarray(found.state[:17, k]), 1.0)
+        assert np.max(np.abs(left)) < 1e-5
 
 
 def test_lanes_are_alike_and_failures_are_marked(coach):

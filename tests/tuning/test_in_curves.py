@@ -5,6 +5,8 @@ import pytest
 
 import railjax
 from railjax import objectives as aim
+from railjax.reports.paper.studies import steering
+from railjax.reports.paper.study import Context
 from railjax.testing import check_objective
 
 
@@ -42,3 +44,28 @@ def test_softer_guidance_wears_less(coach):
     assert found.parameters["primary.stiffness_x"] < coach.primary.stiffness_x
     tuned = railjax.replace(coach, primary__stiffness_x=float(found.parameters["primary.stiffness_x"]))
     assert float(railjax.linear_critical_speed(tuned)) * 3.6 == pytest.approx(230.0, abs=0.5)
+
+
+def test_the_steering_study_of_the_report(coach, literal, monkeypatch):
+    """Three points a front, with the linear critical speed in place of the nonlinear one (benchmarks/steering_front.py)."""
+    fronts, real = [], steering.pareto
+    monkeypatch.setattr(steering, "POINTS", 3)
+    monkeypatch.setattr(steering.aim, "nonlinear_critical_speed", aim.linear_critical_speed)
+    monkeypatch.setattr(steering, "pareto", lambda *given, **more: fronts.append(real(*given, **more)) or fronts[-1])
+    outcome = steering.stability_and_wear(Context(coach, literal))
+    plain, braced = fronts
+    assert np.all(plain.met)
+    assert np.min(plain.against) == pytest.approx(steering.SLOWEST, rel=1e-3)
+    # faster is more wear, and a bracing takes some of it
+    assert np.all(np.diff(plain.objective[np.argsort(plain.against)]) > 0.0)
+    assert np.max(braced.against) > np.max(plain.against)
+    _, without, tied = steering.moved(plain, braced)
+    assert np.all(tied <= without)
+    assert np.min(tied / without) < 0.8
+    # the wear of a design of the front
+    values = {name.replace(".", "__"): float(found[0]) for name, found in plain.parameters.items()}
+    speed = np.sqrt(9.81 * 500.0 * 0.2 / 1.5)
+    one = railjax.curving(railjax.replace(coach, **values), speed, radius=500.0, cant=0.1)
+    assert float(one.wear_number) == pytest.approx(plain.objective[0], rel=1e-4)
+    assert "off the wear number" in outcome.pictures[0].caption
+    assert len(outcome.quantities) == 6

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ...base.arguments import guarded
+from ...base.checks import FLAG
 from ...base.errors import InputError
 from ...base.typing import Number
 from ...model.kinematics import deflections, layout
@@ -46,7 +47,7 @@ class RunningRecord:
         return any(np.ndim(getattr(self, name)) > 2 for name in PLACES)
 
 
-@guarded()
+@guarded(curves=FLAG)
 def acceptance_channels(vehicle: Vehicle, *, curves: bool = False) -> tuple[str, ...]:
     """The channels that `acceptance` (with `curves` `zone_acceptance`) reads of a run of this vehicle: `simulate(..., record=acceptance_channels(vehicle))`."""
     groups = layout(vehicle)

@@ -39,7 +39,7 @@ class Stretch(NamedTuple):
 class ZoneAcceptance:
     """Result of `zone_acceptance`: an `Acceptance` for each zone of which the run has sections, and the stretches that they lie in."""
 
-    zones: dict[int, Acceptance]
+    zones: dict[int, Acceptance]  # by number of the zone, dimensionless
     stretches: tuple[Stretch, ...]
     notes: tuple[str, ...]
 

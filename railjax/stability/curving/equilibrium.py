@@ -3,7 +3,7 @@
 At rest in the arc's frames the state is x = [q, 0, internal states]. The unknowns u = (q, internal states) make accelerations and the
 rates of the internal states zero, f(u; kappa, theta) = 0. Newton's method begins where linear creep would lead, within the flanges. Where
 it fails, u' = f(u) is followed by implicit steps that lengthen as f falls (Kelley and Keyes, SIAM J. Numer. Anal. 35, 1998), at last the
-load (kappa, theta) grows from zero in shares. All arrays have lanes last, as `motion` has them.
+load (kappa, theta) grows from zero in shares. All of them may begin at a neighbour's equilibrium, that of more friction. All arrays have lanes last, as `motion` has them.
 """
 
 from typing import NamedTuple
@@ -93,14 +93,20 @@ class Search(NamedTuple):
 
 
 def searched(
-    case: Case, lanes: tuple[int, ...], first: Whole = 0, last: Whole = SHARES
+    case: Case, lanes: tuple[int, ...], first: Whole = 0, last: Whole = SHARES, beside: Unknowns | None = None
 ) -> tuple[Unknowns, Bool[Array, "*lanes"]]:
-    """Unknowns in equilibrium and whether they are, of each of the lanes, by the attempts from `first` to `last` (counted from 0)."""
+    """Unknowns in equilibrium and whether they are, of each of the lanes, by the attempts from `first` to `last` (counted from 0), which
+    begin at the equilibrium of a neighbour `beside`, where there is one (else NaN)."""
     n, dtype = size(case.vehicle), jnp.result_type(float)
     rest = held(case.vehicle, case.damper, jnp.zeros((state_size(case.vehicle, case.damper), *lanes), dtype))
     rest = jnp.concatenate([rest[:n], rest[2 * n :]])
     none, whole, counted = jnp.zeros(lanes, dtype), jnp.ones(lanes, dtype), jnp.zeros(lanes, int)
     start = Search(rest, rest, rest, none, whole, counted - 1, counted, none, none, counted)
+    if beside is not None:
+        known = jnp.all(jnp.isfinite(beside), axis=0)
+        begun, attempt = jnp.where(known, beside, rest), jnp.where(known, first, start.attempt)
+        stiffness = jnp.where(known, jnp.asarray(STIFFNESS)[first], none)
+        start = start._replace(unknowns=begun, begun=begun, attempt=attempt, stiffness=stiffness)
     last = jnp.asarray(last)
 
     def underway(now: Search) -> Bool[Array, "*lanes"]:

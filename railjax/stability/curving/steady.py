@@ -1,5 +1,6 @@
 """`curving`: the steady motion of a vehicle, or of many, in arcs of constant curvature and cant."""
 
+import dataclasses
 import functools
 import math
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from ...base.arguments import guarded
 from ...base.batches import Batch, in_threads
@@ -19,7 +20,8 @@ from ...base.packing import Form, as_numbers
 from ...base.precision import require_double_precision
 from ...base.typing import Scalar
 from ...model.damper import Damper
-from ...model.motion import PASSIVE
+from ...model.kinematics import size
+from ...model.motion import PASSIVE, state_size
 from ...model.parameters import without_labels
 from ...model.track.curve import CANT_BASE, GRAVITY
 from ...model.vehicle import Vehicle
@@ -27,6 +29,8 @@ from .equilibrium import SHARES, Case, moved, searched
 from .result import Equilibrium, SteadyCurving
 from .wheels import in_a_row, wheel_forces
 
+#: times the friction, with which equilibria are looked for where there is none to be found otherwise: what begins there finds it
+MORE_FRICTION = (1.1, 1.5, 2.5)
 #: lanes that go from step to step together
 TOGETHER = 64
 
@@ -127,13 +131,13 @@ def _rates(trees: tuple, change: tuple, unknowns: Array, converged: Array) -> tu
     return of(*batch.trees) if batch.lanes is None else batch.in_chunks(of, TOGETHER)
 
 
-def _searched(first: Any, last: Any, *trees: Any) -> tuple[dict[str, Array], Array]:
+def _searched(first: Any, last: Any, beside: Array | None, *trees: Any) -> tuple[dict[str, Array], Array]:
     """Of all lanes together; those that have no equilibrium are NaN."""
     batch = Batch.of(*trees)
     lanes = () if batch.lanes is None else (batch.lanes,)
     sound = jnp.broadcast_to(~no_number(trees, batch.axes), lanes)
     case = case_of(*without_nan(trees))
-    unknowns, converged = searched(case, lanes, first, last)
+    unknowns, converged = searched(case, lanes, first, last, beside)
     converged = converged & sound
     told = _told(case, unknowns)
     code = jnp.where(converged, told.pop("code"), int(Equilibrium.FAILED))
@@ -145,29 +149,41 @@ def _searched(first: Any, last: Any, *trees: Any) -> tuple[dict[str, Array], Arr
 def _compiled(trees: tuple) -> tuple[dict[str, Array], Array]:
     """Where numbers are not known yet, or mapped over by the user."""
     batch = Batch.of(*trees)
-    function = functools.partial(_searched, 0, SHARES)
+    function = functools.partial(_searched, 0, SHARES, None)
     return function(*trees) if batch.lanes is None else batch.in_chunks(function, TOGETHER)
 
 
 # at the full level it takes as long to compile and twice as long to run
 @functools.partial(jax.jit, static_argnames="form", compiler_options=QUICK)
-def _chunk(form: Form, numbers: Array, tables: list, first: Array, last: Array) -> tuple[dict[str, Array], Array]:
+def _chunk(
+    form: Form, numbers: Array, tables: list, first: Array, last: Array, neighbours: Array
+) -> tuple[dict[str, Array], Array]:
     """`form` is that of the numbers, with an entry without shape for each table."""
     count, beside = [math.prod(shape) for shape in form.shapes if shape is not None], iter(tables)
     pieces = iter(jnp.split(numbers, np.cumsum(count)[:-1]))
     leaves = [next(beside) if shape is None else next(pieces).reshape((*shape, -1)) for shape in form.shapes]
-    return _searched(first, last, *form.structure.unflatten(leaves))
+    return _searched(first, last, neighbours, *form.structure.unflatten(leaves))
 
 
 def _on_host(lanes: int | None, trees: tuple) -> tuple[dict[str, Array], Array]:
     """Of known numbers, in chunks of a fixed number of lanes, compiled once for all of a kind of vehicle whatever has lanes: first all by
-    Newton's method alone, then the few that need more."""
+    Newton's method alone, then the few that need more; at last from where they would be with more friction."""
     batch = Batch.of(*trees)
     count = lanes or 1
     found = _of_lanes(batch, np.arange(count), 0, 0)
-    again = np.flatnonzero(found[0]["code"] == int(Equilibrium.FAILED))
-    if again.size:
-        for all_of, more in zip(*map(jax.tree.leaves, (found, _of_lanes(batch, again, 1, SHARES))), strict=True):
+    for friction in (1.0, *MORE_FRICTION):
+        again = np.flatnonzero(found[0]["code"] == int(Equilibrium.FAILED))
+        if not again.size:
+            break
+        if friction == 1.0:
+            other = _of_lanes(batch, again, 1, SHARES)
+        else:
+            vehicle, *rest = trees
+            contact = dataclasses.replace(vehicle.contact, friction=friction * vehicle.contact.friction)
+            near = _of_lanes(Batch.of(dataclasses.replace(vehicle, contact=contact), *rest), again, 0, SHARES)
+            beside = np.where(near[0]["code"] == int(Equilibrium.FAILED), np.nan, near[1])
+            other = _of_lanes(batch, again, 0, SHARES - 1, beside)
+        for all_of, more in zip(*map(jax.tree.leaves, (found, other)), strict=True):
             all_of[..., again] = more
     return jax.device_put(found if lanes is not None else jax.tree.map(lambda leaf: leaf[..., 0], found))
 
@@ -186,21 +202,33 @@ def equilibria(vehicle: Vehicle, damper: Damper, speed: Any, radius: Any, cant: 
     return jax.tree.map(np.asarray, _on_host(len(speed), trees)[0])
 
 
-def _of_lanes(batch: Batch, index: Int[np.ndarray, "lanes"], first: int, last: int) -> tuple[dict[str, Any], Any]:
+def _of_lanes(
+    batch: Batch,
+    index: Int[np.ndarray, "lanes"],
+    first: int,
+    last: int,
+    beside: Float[np.ndarray, "unknowns lanes"] | None = None,
+) -> tuple[dict[str, Any], Any]:
     leaves = [(np.asarray(leaf), own) for leaf, own in zip(*map(jax.tree.leaves, (batch.trees, batch.axes)), strict=True)]
     # a table that lanes share stays one
     shapes = tuple(leaf.shape[:own] if leaf.ndim > own or own < 2 else None for leaf, own in leaves)
     form = Form(jax.tree.structure(batch.trees), shapes)  # type: ignore[arg-type]
     tables = [leaf for (leaf, _), shape in zip(leaves, shapes, strict=True) if shape is None]
 
+    if beside is None:
+        vehicle, damper = batch.trees[:2]
+        beside = np.full((state_size(vehicle, damper) - size(vehicle), len(index)), np.nan)
+
     def piece(start: int) -> tuple[dict[str, Any], Any]:
-        here = index[np.minimum(np.arange(start, start + TOGETHER), len(index) - 1)]
+        those = np.minimum(np.arange(start, start + TOGETHER), len(index) - 1)
+        here = index[those]
         numbers = [
             np.broadcast_to(leaf[..., here] if leaf.ndim > own else leaf[..., None], (*shape, TOGETHER)).reshape((-1, TOGETHER))
             for (leaf, own), shape in zip(leaves, shapes, strict=True)
             if shape is not None
         ]
-        return jax.tree.map(np.asarray, _chunk(form, np.concatenate(numbers), tables, np.asarray(first), np.asarray(last)))
+        given = np.asarray(first), np.asarray(last), beside[:, those]
+        return jax.tree.map(np.asarray, _chunk(form, np.concatenate(numbers), tables, *given))
 
     found = in_threads(piece, range(0, len(index), TOGETHER))
     return jax.tree.map(lambda *parts: np.concatenate(parts, axis=-1)[..., : len(index)], *found)
