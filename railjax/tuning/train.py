@@ -71,7 +71,7 @@ def train(
     window: float = 2.0,
     lanes: int = 32,
     dt: float = 1e-3,
-    learning_rate: float = 3e-3,
+    learning_rate: float = 2e-3,
     every: int = 5,
     patience: int = 6,
     seed: int = 0,
@@ -148,9 +148,8 @@ def train(
             better = score < course.best_score
             aims = aimed(course.aims, limits, numbers[1:])
             course = course._replace(
-                weights=course.weights
-                if np.isfinite(score)
-                else course.best,  # from a law with which it hunts nothing is learned
+                # from a law with which it hunts, or worse than it was, nothing is learned
+                weights=course.weights if numbers[0] < 1.0 else course.best,
                 aims=aims,
                 best=course.weights if better else course.best,
                 best_score=min(score, course.best_score),

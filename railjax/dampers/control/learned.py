@@ -103,7 +103,7 @@ class LearnedDamper(SampledLoop):
             rows = features.reshape((len(names), n))
             return _demanded(controller, vehicle, rows)
 
-        linear = np.asarray(jax.jacfwd(wanted)(jnp.zeros(len(scale)))) * scale / demand[:, None]
+        linear = np.asarray(jax.jit(jax.jacfwd(wanted))(jnp.zeros(len(scale)))) * scale / demand[:, None]
         inputs = len(scale) * (1 + len(time_constants))
         first = np.random.default_rng(seed).normal(size=(hidden, inputs)) / np.sqrt(inputs)
         return cls(
