@@ -60,7 +60,7 @@ class ComplementaryFilter:
     whole: ClassVar[bool] = False
 
     def usually(self, bogies: int) -> Float[np.ndarray, "features"]:
-        """Usual size of each feature of each bogie; `bogies`: how many."""
+        """Usual size of each feature of each bogie, in its SI unit; `bogies`: how many there are, a whole number (dimensionless)."""
         return np.repeat([USUALLY[name] for name in self.names], bogies)
 
     def advanced(self, names: tuple[str, ...], signals: Signals, memory: Rows, elapsed: Bogies) -> Rows:

@@ -129,7 +129,7 @@ class KalmanFilter:
         return tuple(f"state {k}" for k in range(self._spread))
 
     def usually(self, bogies: int) -> Float[np.ndarray, "features"]:
-        """Usual size of each feature of each bogie; `bogies`: how many."""
+        """Usual size of each feature of each bogie, in its SI unit; `bogies`: how many there are, a whole number (dimensionless)."""
         sizes = np.ones(self._spread * bogies)
         if self.usual is not None:
             sizes[: len(self.usual)] = np.asarray(self.usual)[:, 0]
