@@ -26,6 +26,7 @@ class Course(NamedTuple):
     weights: Weights
     memory: Any  # of the optimiser
     prices: dict[str, Any]  # of what has a limit: Lagrange's multipliers
+    aims: dict[str, Any]  # what training holds instead of each limit, times it: so that validation rides hold the limit
     best: Weights
     best_score: float
     stale: int  # validations since then
@@ -44,9 +45,13 @@ def with_weights(law: LearnedDamper, weights: Weights) -> LearnedDamper:
     return dataclasses.replace(law, **{name: jnp.exp(value) if name in POSITIVE else value for name, value in weights.items()})
 
 
+def _leaves_of(course: Course) -> tuple:
+    return course.weights, course.memory, course.prices, course.aims, course.best
+
+
 def kept(path: str | Path, course: Course, fingerprint: dict[str, str]) -> None:
     """Write where training stands, under another name first."""
-    leaves = jax.tree.leaves((course.weights, course.memory, course.prices, course.best))
+    leaves = jax.tree.leaves(_leaves_of(course))
     path = Path(path)
     beside = path.with_name(path.name + ".part.npz")
     numbers = {f"leaf_{k}": np.asarray(leaf) for k, leaf in enumerate(leaves)}
@@ -64,8 +69,8 @@ def taken_up(path: str | Path, course: Course, fingerprint: dict[str, str]) -> C
     with np.load(path, allow_pickle=False) as kept:
         if different := differing(json.loads(str(kept["fingerprint"])), fingerprint):
             raise InputError(f"{path} is of another training: {different}; give keep= another name")
-        structure = jax.tree.structure((course.weights, course.memory, course.prices, course.best))
-        weights, memory, prices, best = structure.unflatten([kept[f"leaf_{k}"] for k in range(structure.num_leaves)])
+        structure = jax.tree.structure(_leaves_of(course))
+        weights, memory, prices, aims, best = structure.unflatten([kept[f"leaf_{k}"] for k in range(structure.num_leaves)])
         episode, stale = (int(number) for number in kept["counts"])
         history = [tuple(float(number) for number in row) for row in kept["history"]]
-        return Course(weights, memory, prices, best, float(kept["best_score"]), stale, episode, history)
+        return Course(weights, memory, prices, aims, best, float(kept["best_score"]), stale, episode, history)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.batches import in_threads
-from ..base.compilation import jit
+from ..base.compilation import jit, return_memory
 from ..base.errors import InputError, NumericalError
 from ..base.fingerprint import described, lines
 from ..dampers.control.learned import LearnedDamper
@@ -25,7 +25,7 @@ from .robust import Scatter, scattered
 #: parts of a batch, each in a thread of its own: the same numbers on any machine
 SHARES = 2
 #: how a limit's price grows with each window that is beyond it by its own size (mean square), and the price's curvature
-PRICING, STIFFNESS = 0.2, 4.0
+PRICING, STIFFNESS = 1.0, 20.0
 
 
 def filtered(
@@ -117,6 +117,7 @@ class Teacher:
         rides = self.rides(course.episode)
         duration = self.windows * self.window
         base = measured(rides, self.law, duration, self.window, self.limits, self.dt)
+        base |= {name: base[name] * course.aims[name] ** 2 for name in self.limits}
         parts = [slice(k * self.lanes // SHARES, (k + 1) * self.lanes // SHARES) for k in range(SHARES)]
         state = self.start(self.lanes // SHARES)
         held = [(state, self.silence(self.lanes // SHARES))] * SHARES
@@ -129,7 +130,10 @@ class Teacher:
             ]
             # the first call compiles, which two threads would do twice
             each = in_threads if self._compiled else lambda function, shares: [function(share) for share in shares]
-            found, self._compiled = each(self._of_share, given), True
+            found = each(self._of_share, given)
+            if not self._compiled:
+                self._compiled = True
+                return_memory()
             values = [value for (value, _), _ in found]
             if not np.all(np.isfinite(values)):
                 raise NumericalError("a ride in training diverged: its speed or scatter is beyond what this vehicle runs at")

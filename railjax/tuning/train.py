@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ..base.arguments import guarded
 from ..base.checks import a_function, a_path, positive, whole
+from ..base.compilation import return_memory
 from ..base.errors import InputError
 from ..base.fingerprint import described
 from ..base.packing import as_numbers
@@ -26,6 +27,9 @@ from .course import Course, kept, taken_up, weights_of, with_weights
 from .rides import Trial, as_tracks, others, together
 from .robust import Scatter
 from .teacher import SHARES, Teacher
+
+#: between which shares of its limit training holds something, so that validation rides, which differ from its own, keep the limit and use it
+AIMS = 0.9, 1.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +71,7 @@ def train(
     window: float = 2.0,
     lanes: int = 32,
     dt: float = 1e-3,
-    learning_rate: float = 3e-3,
+    learning_rate: float = 2e-3,
     every: int = 5,
     patience: int = 6,
     seed: int = 0,
@@ -131,8 +135,10 @@ def train(
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
     weights = weights_of(law)
     score, numbers = trial.score(law)
+    return_memory()  # what the compiler needed for the rides, before it needs as much for the gradient
     prices = {name: jnp.zeros(()) for name in limits}
-    course = Course(weights, optimiser.init(weights), prices, weights, score, 0, 0, [(0.0, score, *numbers)])
+    aims = {name: jnp.ones(()) for name in limits}
+    course = Course(weights, optimiser.init(weights), prices, aims, weights, score, 0, 0, [(0.0, score, *numbers)])
     course = course if keep is None else taken_up(keep, course, told)
     clock = Clock(course.episode, episodes)
     while course.episode < episodes and course.stale < patience:
@@ -140,10 +146,11 @@ def train(
         if course.episode % every == 0 or course.episode == episodes:
             score, numbers = trial.score(with_weights(law, course.weights))
             better = score < course.best_score
+            aims = aimed(course.aims, limits, numbers[1:])
             course = course._replace(
-                weights=course.weights
-                if np.isfinite(score)
-                else course.best,  # from a law with which it hunts nothing is learned
+                # from a law with which it hunts, or worse than it was, nothing is learned
+                weights=course.weights if numbers[0] < 1.0 else course.best,
+                aims=aims,
                 best=course.weights if better else course.best,
                 best_score=min(score, course.best_score),
                 stale=0 if better else course.stale + 1,
@@ -165,6 +172,21 @@ def train(
         time.monotonic() - began,
         finished,
     )
+
+
+def aimed(aims: dict[str, Any], limits: Mapping[str, float], found: Sequence[float]) -> dict[str, Any]:
+    """What training is to hold from now on, times the limits: less by half of what the last trial was beyond, more by half of what it left.
+
+    Args:
+        aims: what it held until now.
+        limits: the limits.
+        found: ratios of the trial, in their order.
+    """
+    ratios = dict(zip(limits, found, strict=True))
+    return {
+        name: jnp.clip(aim + 0.5 * (1.0 - ratios[name] / limits[name]), *AIMS) if np.isfinite(ratios[name]) else aim
+        for name, aim in aims.items()
+    }
 
 
 def prepared(

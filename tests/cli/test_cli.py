@@ -369,6 +369,7 @@ def test_train_writes_a_law_that_every_damper_option_takes(run, tmp_path):
         (["train", "coach", "--out", tmp_path / "law.txt"], ".npz"),
         (["train", "coach", "--out", law, "--law", "lerned"], "--law"),
         (["train", "coach", "--out", law, "--speed-kmh", 100], "--speed-kmh"),
+        (["train", "coach", "--out", law, "--estimator", "observer"], "--estimator"),
         (["simulate", "coach", "--speed-kmh", 180, "--damper", tmp_path / "none.npz"], "no law"),
         (["simulate", "coach", "--speed-kmh", 180, "--damper", code.with_suffix(".npzz")], "--damper"),
     ):

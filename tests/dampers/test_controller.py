@@ -177,6 +177,9 @@ def test_kalman_filter_knows_the_car_body_in_a_nonlinear_run(coach, kalman):
     assert body["phi"] < 0.1, body
     assert max(body["y"], body["psi"]) < 0.4, body
     assert off[20:22].max() < 0.1  # the bogies' lateral rates
+    # sizes that a learned law divides by are of the motion's order
+    size_of = truth.std(axis=0) / np.asarray(estimator.usual)[:34, 0]
+    assert 0.1 < size_of.min() < size_of.max() < 3.0, size_of
 
 
 @pytest.fixture(scope="module")

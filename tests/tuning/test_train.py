@@ -116,3 +116,14 @@ def test_what_cannot_be_trained_is_refused(coach, law):
         train(coach, railjax.Skyhook(), **SMALL)
     with pytest.raises(railjax.InputError, match="validation"):
         train(coach, law, tracks=SMALL["tracks"], speeds=SPEEDS)
+
+
+def test_training_aims_lower_where_validation_was_beyond_a_limit_and_higher_where_it_was_not():
+    limits = {"secondary_travel": 1.05, "guiding_force": 1.0}
+    aims = {name: np.ones(()) for name in limits}
+    aims = training.aimed(aims, limits, (1.071, 0.95))
+    np.testing.assert_allclose(list(aims.values()), [0.99, 1.025])
+    aims = training.aimed(aims, limits, (1.05, 3.0))
+    np.testing.assert_allclose(list(aims.values()), [0.99, training.AIMS[0]])
+    aims = training.aimed(aims, limits, (np.nan, np.nan))  # where a ride failed
+    np.testing.assert_allclose(list(aims.values()), [0.99, training.AIMS[0]])

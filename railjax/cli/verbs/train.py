@@ -9,6 +9,9 @@ from ...base.errors import InputError
 from ..common import AsJson, VehicleName, complete_spectrum, completing, finite, load, show
 
 LAWS = ("learned", "linear")
+ESTIMATORS = ("kalman", "complementary")
+#: hidden units and memories (s) of a learned law: a Kalman filter's states remember by themselves
+ON = {"kalman": (16, (0.3,)), "complementary": (24, (0.08, 0.4))}
 
 
 def train(
@@ -21,6 +24,13 @@ def train(
             autocompletion=completing(lambda: LAWS),
         ),
     ] = "learned",
+    estimator: Annotated[
+        str,
+        typer.Option(
+            help="What it knows the motion by: kalman (a filter of the whole vehicle at the highest speed) or complementary (no vehicle in it).",
+            autocompletion=completing(lambda: ESTIMATORS),
+        ),
+    ] = "kalman",
     track: Annotated[
         list[str] | None,
         typer.Option(
@@ -37,7 +47,7 @@ def train(
     travel_ratio: Annotated[
         float,
         typer.Option(
-            help="Largest secondary travel (r.m.s.), times that of the skyhook law; at 1 there is hardly anything to gain."
+            help="Largest secondary travel (r.m.s.), times that of the skyhook law that it begins as.",
         ),
     ] = 1.05,
     episodes: Annotated[int, typer.Option(help="Rides of 12 s of all lanes, five steps each.")] = 60,
@@ -59,20 +69,25 @@ def train(
         finite(speed_kmh=speed)
     if len(speeds) < 2 or speeds[0] == speeds[-1]:
         raise InputError("--speed-kmh: give the lowest and the highest, each with the option")
+    if estimator not in ESTIMATORS:
+        raise InputError(f"--estimator {estimator!r} must be one of {', '.join(ESTIMATORS)}")
     if out.suffix != ".npz":
         raise InputError(f"--out {out}: the law's file ends in .npz, by which --damper knows it")
     for file in (out, keep, c_file):
         if file is not None and not file.parent.is_dir():
             raise InputError(f"{file}: the folder {file.parent} does not exist")
     loaded = load(vehicle)
-    from ... import Controller, Device, LearnedDamper, Skyhook, load_law
+    from ... import ComplementaryFilter, Controller, Device, KalmanFilter, LearnedDamper, Sensors, Skyhook, load_law
     from ... import train as run
     from ...base.progress import bar, when_stopped
     from ...base.units import KMH
 
     if law in LAWS:
-        classical = Controller(Skyhook(damping=1e3 * skyhook_kNs_per_m), device=Device())
-        begun = LearnedDamper.of(classical, loaded, hidden=24 if law == "learned" else 0, seed=seed)
+        hidden, memories = ON[estimator]
+        sensors = Sensors.typical()
+        known = ComplementaryFilter() if estimator == "complementary" else KalmanFilter.design(loaded, speeds[-1] / KMH, sensors)
+        classical = Controller(Skyhook(damping=1e3 * skyhook_kNs_per_m), sensors=sensors, estimator=known, device=Device())
+        begun = LearnedDamper.of(classical, loaded, hidden=hidden if law == "learned" else 0, time_constants=memories, seed=seed)
     elif law.endswith(".npz"):
         begun = load_law(law)
     else:

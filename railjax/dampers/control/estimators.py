@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.fields import parameter
@@ -29,6 +30,16 @@ class Estimate(NamedTuple):
     seen: Seen
 
 
+#: what one of the features is usually, by its name, in its own unit
+USUALLY = {
+    "travel": 5e-3,
+    "velocity": 0.1,
+    "carbody velocity": 0.02,
+    "carbody acceleration": 0.2,
+    "bogie acceleration": 2.0,
+}
+
+
 @registered
 @dataclass(frozen=True, kw_only=True)
 class ComplementaryFilter:
@@ -47,6 +58,10 @@ class ComplementaryFilter:
     states: ClassVar[int] = 4
     names: ClassVar[tuple[str, ...]] = ("travel", "velocity", "carbody velocity", "carbody acceleration", "bogie acceleration")
     whole: ClassVar[bool] = False
+
+    def usually(self, bogies: int) -> Float[np.ndarray, "features"]:
+        """Usual size of each feature of each bogie, in its SI unit; `bogies`: how many there are, a whole number (dimensionless)."""
+        return np.repeat([USUALLY[name] for name in self.names], bogies)
 
     def advanced(self, names: tuple[str, ...], signals: Signals, memory: Rows, elapsed: Bogies) -> Rows:
         """d̂, v̂, v̂_c and ā_c, (4, n, *lanes), after a sample.

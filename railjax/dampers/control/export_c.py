@@ -11,7 +11,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from ...base.errors import InputError
@@ -154,7 +153,7 @@ def source_of(law: Any, name: str, vehicle: Vehicle | None = None) -> str:
             "transition[STATES][STATES]": np.asarray(filters.transition, float),
             "drive[STATES][BOGIES]": np.asarray(filters.drive, float),
             "gain[STATES][SENSORS * BOGIES]": np.asarray(filters.gain, float),
-            "across[BOGIES][STATES]": _across(filters, vehicle),
+            "across[BOGIES][STATES]": filters.across(vehicle),
         }
         sizes, estimated = f", STATES = {len(np.asarray(filters.transition))}", "estimate[STATES], force[BOGIES]"
         observe, of_bogie = OBSERVE, OBSERVED
@@ -180,14 +179,6 @@ def source_of(law: Any, name: str, vehicle: Vehicle | None = None) -> str:
     tables_text = [_table(real, key, value) for key, value in constants.items()]
     tables_text += [_table("double", key, value) for key, value in doubles.items()]
     return head + "\n" + "".join(tables_text) + body
-
-
-def _across(filters: KalmanFilter, vehicle: Vehicle) -> np.ndarray:
-    """Rows that make of x̂ the velocity across each bogie's dampers, m/s, (n, states)."""
-    states, bogies = np.shape(filters.drive)
-    rows = np.zeros((len(filters.names) * bogies, states))
-    rows[:states] = np.eye(states)
-    return np.asarray(filters.estimate(vehicle, jnp.asarray(rows.reshape(-1, bogies, states))).velocity)
 
 
 def _command(device: Device, step: float, told: bool) -> str:

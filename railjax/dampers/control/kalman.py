@@ -1,5 +1,6 @@
 """A steady Kalman filter of the whole vehicle: all states from a few sensors, by the vehicle's own equations of motion."""
 
+import dataclasses
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -32,6 +33,8 @@ FLAT = 0.0206
 WANDERS = 0.05
 #: least noise of a sensor, of what is usual: without any there is no gain
 LEAST = 0.02
+#: what moves less than this has no usual size
+LEAST_USUAL = 1e-9
 
 
 @registered
@@ -46,6 +49,7 @@ class KalmanFilter:
     transition: Number = matrix("1", "F", "what x̂ becomes by itself, in SI")
     drive: Number = matrix("1", "H", "what the dampers' forces do to x̂")
     gain: Number = matrix("1", "K", "what the readings do to x̂")
+    usual: Number = matrix("1", "", "usual size of each of x̂, a column, in SI")
 
     needs: ClassVar[tuple[str, ...]] = ()
     whole: ClassVar[bool] = True
@@ -85,7 +89,8 @@ class KalmanFilter:
         import scipy.linalg
 
         require_double_precision("KalmanFilter.design")
-        model = linear_model(without_labels(vehicle), speed, sensors, roughness, disturbance)
+        vehicle = without_labels(vehicle)
+        model = linear_model(vehicle, speed, sensors, roughness, disturbance)
         a, n = model.a, model.b.shape[1]
         # over a sample, by one exponential (Van Loan 1978)
         zero = np.zeros_like(a)
@@ -100,7 +105,14 @@ class KalmanFilter:
             raise InputError(f"no steady Kalman filter at {3.6 * speed:g} km/h with these sensors: {error}") from None
         gain = np.linalg.solve((read @ cost @ read.T + measured).T, (cost @ read.T).T).T
         keep = np.eye(len(a)) - gain @ read
-        return cls(transition=keep @ transition, drive=keep @ driven, gain=gain)
+        made = cls(transition=keep @ transition, drive=keep @ driven, gain=gain)
+        # the model's r.m.s. with the vehicle's own damper; where that does not hold it, or nothing moves it, 1
+        closed = a + model.b @ (2.0 * float(vehicle.secondary.damping_y) * made.across(vehicle))
+        sizes = np.ones(len(a))
+        if np.linalg.eigvals(closed).real.max() < 0.0:
+            square = np.diag(scipy.linalg.solve_continuous_lyapunov(closed, -np.diag(model.noise)))
+            sizes = np.where(square > LEAST_USUAL**2, np.sqrt(np.maximum(square, 0.0)), 1.0)
+        return dataclasses.replace(made, usual=sizes[:, None])
 
     @property
     def states(self) -> int:
@@ -115,6 +127,20 @@ class KalmanFilter:
     def names(self) -> tuple[str, ...]:
         """What the features are called."""
         return tuple(f"state {k}" for k in range(self._spread))
+
+    def usually(self, bogies: int) -> Float[np.ndarray, "features"]:
+        """Usual size of each feature of each bogie, in its SI unit; `bogies`: how many there are, a whole number (dimensionless)."""
+        sizes = np.ones(self._spread * bogies)
+        if self.usual is not None:
+            sizes[: len(self.usual)] = np.asarray(self.usual)[:, 0]
+        return sizes
+
+    def across(self, vehicle: Vehicle) -> Float[np.ndarray, "n states"]:
+        """What makes of x̂ the velocity across each bogie's dampers, m/s, by the `vehicle` that the filter belongs to."""
+        states, n = np.shape(self.drive)
+        rows = np.zeros((self._spread * n, states))
+        rows[:states] = np.eye(states)
+        return np.asarray(self.estimate(vehicle, jnp.asarray(rows.reshape(-1, n, states))).velocity)
 
     def _joined(self, rows: Rows) -> Rows:
         """x̂, (states, *lanes), of its rows (rows, n, *lanes)."""

@@ -32,14 +32,6 @@ from .sensors import Signals
 
 Rows = Float[Array, "..."]
 
-#: what one of the estimator's features is usually, by its name, in its own unit; of others 1
-USUALLY = {
-    "travel": 5e-3,
-    "velocity": 0.1,
-    "carbody velocity": 0.02,
-    "carbody acceleration": 0.2,
-    "bogie acceleration": 2.0,
-}
 #: m/s; a demand is divided by the velocity rounded within this
 WIDTH = 5e-3
 
@@ -101,7 +93,7 @@ class LearnedDamper(SampledLoop):
             raise InputError(f"controller: {fault}")
         vehicle, n = without_labels(vehicle), len(vehicle.geometry.bogie_pattern)
         names = controller.estimator.names
-        scale = np.repeat([USUALLY.get(name, 1.0) for name in names], n)
+        scale = controller.estimator.usually(n)
         # at rest the vehicle's own damping, or its hunting from small motions would be that of an open valve
         rest = float(vehicle.secondary.damping_y)
         device = dataclasses.replace(controller.on, width=max(float(controller.on.width), WIDTH), damping_rest=rest)
@@ -111,7 +103,7 @@ class LearnedDamper(SampledLoop):
             rows = features.reshape((len(names), n))
             return _demanded(controller, vehicle, rows)
 
-        linear = np.asarray(jax.jacfwd(wanted)(jnp.zeros(len(scale)))) * scale / demand[:, None]
+        linear = np.asarray(jax.jit(jax.jacfwd(wanted))(jnp.zeros(len(scale)))) * scale / demand[:, None]
         inputs = len(scale) * (1 + len(time_constants))
         first = np.random.default_rng(seed).normal(size=(hidden, inputs)) / np.sqrt(inputs)
         return cls(
