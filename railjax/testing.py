@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .base.compilation import HASTY, options
 from .base.errors import InputError
 from .base.packing import as_numbers
 from .base.precision import require_double_precision
@@ -169,8 +170,8 @@ def check_objective(
     def lanes(shares: Scalar) -> tuple[Vehicle, Any]:
         return jax.tree.map(lambda leaf, by: leaf[..., None] + shares * by[..., None], trees, along)
 
-    # what is computed on the host is not compiled as a whole
-    compiled = jax.jit if quantity.traced else lambda function: function
+    # what is computed on the host is not compiled as a whole; the rest runs a few times
+    compiled = functools.partial(jax.jit, compiler_options=options(HASTY)) if quantity.traced else lambda function: function
     pair = jnp.array([0.0, 10.0 * step])
     ways: dict[str, Callable[[], Any]] = {
         "jax.vmap": lambda: compiled(jax.vmap(value))(pair),

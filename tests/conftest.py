@@ -2,6 +2,7 @@
 
 import gc
 import os
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,11 @@ from jaxtyping import install_import_hook
 # operations too (20 ms each, hundreds of them in a file)
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+# nearly everything runs once: LLVM's first level for all, as the library has it for its largest kernels (QUICK), and on JAX 0.10, which
+# can, the older emitter: a third less time. The numbers differ by rounding alone. `XLA_FLAGS= pytest` has XLA's own settings, which
+# `.ci/run` has on the newest Python, and so has the canary of tests/test_package.py
+OLDER = version("jax").startswith("0.10.")
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1 --xla_cpu_use_fusion_emitters=false" if OLDER else "")
 # JAX 0.10 warns on standard error that it may lack processor features which only its compiler knows by that name
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .batches import own_axes
+from .compilation import HASTY, options
 
 #: share of an argument's size by which it is changed for a difference; by how much of the derivative, and of the value, that may be off
 STEP, OFF, NOISE = 1e-6, 1e-5, 1e-8
@@ -104,7 +105,8 @@ def probed(name: str, function: Callable[[dict], dict], at: dict, along: dict, m
             jax.eval_shape(lambda mode=mode: mode(lambda given: sum(jnp.sum(part, axis=0) for part in parts(given, one))))
     with said(name, "cannot be mapped by jax.vmap"):
         jax.eval_shape(jax.vmap(function, in_axes=-1, out_axes=-1), at)
-    found = jax.device_get(jax.jit(all_of)(at))
+    # it runs once
+    found = jax.device_get(jax.jit(all_of, compiler_options=options(HASTY))(at))
     return found._replace(leaves=[jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in paths])
 
 

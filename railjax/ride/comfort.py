@@ -1,12 +1,9 @@
 """Ride comfort of a record or a simulation: ISO 2631-1, EN 12299 and Sperling, in one report."""
 
 import dataclasses
-import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
@@ -220,31 +217,30 @@ def _report(
     )
 
 
-# one program instead of some eighty small ones
-@functools.partial(jax.jit, static_argnames=("sampling_rate", "weighting", "direction", "skip", "mean", "exponents"))
 def _measured(
-    record: Float[Array, "samples *lanes"],
+    record: Float[np.ndarray, "samples *lanes"],
     sampling_rate: float,
     weighting: str,
     direction: str,
     skip: int,
     mean: bool,
     exponents: tuple[float | int, float | int],
-) -> dict[str, Float[Array, "..."]]:
-    """What `Comfort` holds of one direction."""
+) -> dict[str, Float[np.ndarray, "..."]]:
+    """What `Comfort` holds of one direction; by programs that serve all directions and weightings."""
     weighted = weighted_acceleration(record - record.mean(axis=0), sampling_rate, weighting)[skip:]
-    values = {
+    found = {
         "rms": rms(weighted),
         "blocks": block_rms(weighted, sampling_rate),
         "dose": vibration_dose(weighted, sampling_rate),
         "running": running_maximum(weighted, sampling_rate),
     }
-    values["crest"] = jnp.max(jnp.abs(weighted), axis=0) / values["rms"]
-    if mean:
-        values["percentile"] = jnp.percentile(values["blocks"], 95.0, axis=0)
     if direction in ("lateral", "vertical"):
-        values["sperling_bands"] = sperling_bands(record[skip:], sampling_rate, direction, exponents[0])
-        values["sperling"] = combined(values["sperling_bands"], exponents[1])
+        found["sperling_bands"] = sperling_bands(record[skip:], sampling_rate, direction, exponents[0])
+        found["sperling"] = combined(found["sperling_bands"], exponents[1])
+    values = {key: np.asarray(value) for key, value in found.items()}
+    values["crest"] = np.max(np.abs(np.asarray(weighted)), axis=0) / values["rms"]
+    if mean:
+        values["percentile"] = np.percentile(values["blocks"], 95.0, axis=0)
     return values
 
 

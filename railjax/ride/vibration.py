@@ -1,11 +1,12 @@
 """Measures of vibration on man out of an acceleration history; pure JAX, differentiable, time along the first axis."""
 
+import functools
 import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Complex, Float
 
 from ..base.arguments import guarded
 from ..base.errors import InputError
@@ -53,7 +54,12 @@ def weighted_acceleration(acceleration: ArrayLike, sampling_rate: float | int, n
     a = jnp.asarray(acceleration, float)
     lowest = 0.4 if name in SPERLING else WEIGHTINGS[name].f1
     length = next_fast_len(len(a) + math.ceil(5.0 / lowest * sampling_rate), real=True)
-    response = weighting(name, np.fft.rfftfreq(length, 1.0 / sampling_rate))
+    return _filtered(a, weighting(name, np.fft.rfftfreq(length, 1.0 / sampling_rate)), length)
+
+
+# compiled as a whole, here and below: one operation after the other takes twenty times as long the first time
+@functools.partial(jax.jit, static_argnums=2)
+def _filtered(a: History, response: Complex[Array, "lines"], length: int) -> History:
     a, sound = _sound(a)
     spectrum = jnp.fft.rfft(a, length, axis=0) * response.reshape((-1,) + (1,) * (a.ndim - 1))
     return nan_unless(sound, jnp.fft.irfft(spectrum, length, axis=0)[: len(a)])
@@ -91,12 +97,14 @@ def weighted_rms(
     return rms(weighted)
 
 
+@jax.jit
 def rms(values: History) -> Float[Array, "*lanes"]:
     """Root of the mean square over time; its derivative at 0 is 0."""
     values, sound = _sound(values)
     return nan_unless(sound, sqrt_of_square(jnp.mean(values**2, axis=0)))
 
 
+@functools.partial(jax.jit, static_argnums=1)
 def block_rms(weighted: History, sampling_rate: float | int) -> Float[Array, "blocks *lanes"]:
     """R.m.s. of successive blocks of 5 s (EN 12299: the continuous comfort C_C); what is left at the end does not count."""
     samples = round(BLOCK * sampling_rate)
@@ -112,6 +120,7 @@ def mean_comfort(percentiles: list[Float[Array, "*lanes"]]) -> Float[Array, "*la
     return 6.0 * sqrt_of_square(sum(value**2 for value in percentiles))
 
 
+@functools.partial(jax.jit, static_argnums=1)
 def running_maximum(weighted: History, sampling_rate: float | int) -> Float[Array, "*lanes"]:
     """MTVV = max of the running r.m.s. over 1 s (ISO 2631-1, eqs. 2 and 4; linear averaging, whole windows)."""
     samples = round(RUNNING * sampling_rate)
@@ -124,6 +133,7 @@ def running_maximum(weighted: History, sampling_rate: float | int) -> Float[Arra
     return nan_unless(sound, sqrt_of_square(jnp.maximum(largest, 0.0)))
 
 
+@functools.partial(jax.jit, static_argnums=1)
 def vibration_dose(weighted: History, sampling_rate: float | int) -> Float[Array, "*lanes"]:
     """VDV = (integral of a_w(t)^4)^(1/4) in m/s^1.75 (ISO 2631-1, eq. 5)."""
     weighted, sound = _sound(weighted)
@@ -154,10 +164,17 @@ def sperling_bands(
             f"{len(a) / sampling_rate:.3g} s at {sampling_rate:g} Hz leave a third octave from 0.5 to 31.5 Hz without spectral "
             f"lines; Sperling's index needs about 10 s and 75 Hz"
         )
+    return _indices(a, bands, weighting(name, frequency), exponent)
+
+
+@functools.partial(jax.jit, static_argnums=3)
+def _indices(
+    a: History, bands: Bool[ArrayLike, "bands lines"], response: Complex[Array, "lines"], exponent: float | int
+) -> Float[Array, "bands *lanes"]:
     a, sound = _sound(a)
     amplitude = 100.0 * (2.0 / len(a)) * jnp.fft.rfft(a, axis=0)
-    squares = (amplitude.real**2 + amplitude.imag**2).reshape(len(frequency), -1)
-    sums = (bands * jnp.abs(weighting(name, frequency)) ** 2).astype(squares.dtype) @ squares
+    squares = (amplitude.real**2 + amplitude.imag**2).reshape(len(response), -1)
+    sums = (bands * jnp.abs(response) ** 2).astype(squares.dtype) @ squares
     positive = sums > 0.0
     found = jnp.where(positive, jnp.where(positive, sums, 1.0) ** exponent, 0.0)
     return nan_unless(sound, found.reshape((len(bands), *a.shape[1:])))
@@ -190,6 +207,7 @@ def sperling(
     return combined(bands, power)
 
 
+@functools.partial(jax.jit, static_argnums=1)
 def combined(bands: Float[Array, "bands *lanes"], power: float | int) -> Float[Array, "*lanes"]:
     """(sum of Wz_i^power)^(1/power)."""
     bands, sound = _sound(bands)

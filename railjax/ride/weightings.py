@@ -1,8 +1,10 @@
 """Frequency weightings of vibration on man: ISO 2631-1, EN 12299, Sperling; analogue responses and digital filters."""
 
+import functools
 import math
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float
@@ -92,7 +94,11 @@ def weighting(name: str, frequency: ArrayLike) -> Complex[Array, "..."]:
     ISO 8041 at f = 10^(n/10) Hz. Raises `InputError` for an unknown name.
     """
     check_weighting(name)
-    f = jnp.asarray(frequency, float)
+    return _weighting(name, jnp.asarray(frequency, float))
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _weighting(name: str, f: Float[Array, "..."]) -> Complex[Array, "..."]:
     if name in SPERLING:
         below = (1.0 - 0.277 * f**2) ** 2 + (1.563 * f - 0.0368 * f**3) ** 2
         # |f| drawn out of the root, whose slope is infinite at 0

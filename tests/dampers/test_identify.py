@@ -125,11 +125,11 @@ def test_the_fitted_damper_goes_into_the_suspension(found, coach):
     assert rates.shape == internal.shape
 
 
-@pytest.mark.parametrize(("law", "inertia"), [("saturating", True), ("linear", False)])
-def test_derivatives_of_the_residuals(record, law, inertia):
-    """What Levenberg-Marquardt steps with, against central differences of the simulated record."""
+def test_derivatives_of_the_residuals(record):
+    """What Levenberg-Marquardt steps with, against central differences of the simulated record; of the choice that Adam has below. That of
+    the other law carries the fits above to within their standard errors."""
     short = record.until(600)
-    choice = damper_fit.Choice(law == "saturating", inertia, True)
+    choice = damper_fit.Choice(False, False, True)
     problem, scale = damper_fit.problem_of(short, choice, np.arange(600) >= 100), damper_fit.scale_of(record)
     fit = Fit(problem, choice, scale, 4)
     count = len(fit.names)

@@ -113,11 +113,15 @@ def nonlinearity_parameter(
     return (large - small) / (high - low)
 
 
+# by eigenvalues: half of the time of a geometry with its conicity, if anew each time
+_gauss_legendre = functools.cache(functools.partial(np.polynomial.legendre.leggauss, NODES))
+
+
 def _conicity(xp: ModuleType, y: Values, delta_r: Values, amplitude: Values) -> Values:
     potential = _Potential(xp, y, delta_r)
     middle = _middle(xp, potential, amplitude)
     # y = middle + A sin(theta): the ends' 1/√ cancels against cos(theta)
-    theta, weight = np.polynomial.legendre.leggauss(NODES)
+    theta, weight = _gauss_legendre()
     theta, weight = 0.5 * np.pi * theta, 0.5 * np.pi * weight
     sine, cosine, weight = (xp.asarray(part, y.dtype) for part in (np.sin(theta), np.cos(theta), weight))
     inside = middle[..., None] + amplitude[..., None] * sine
