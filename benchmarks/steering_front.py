@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import railjax
 from railjax import objectives as aim
-from railjax.reports.paper.studies.steering import braced_front, moved, plain_front
+from railjax.reports.paper.studies.steering import FASTEST, braced_front, moved, plain_front
 
 LONGEST = 240.0  # s of processor time a front
 
@@ -27,7 +27,7 @@ def main() -> None:
     railjax.use_double_precision()
     railjax.use_all_cores()
     coach = railjax.load_vehicle("coach")
-    stability = aim.linear_critical_speed() if given.linear else aim.nonlinear_critical_speed()
+    stability = (aim.linear_critical_speed if given.linear else aim.nonlinear_critical_speed)(highest=FASTEST)
     plain = timed("without bracing", lambda: plain_front(coach, stability, given.points))
     braced = timed("with cross bracing", lambda: braced_front(coach, plain, stability, given.points))
     for speed, without, tied in zip(*moved(plain, braced), strict=True):

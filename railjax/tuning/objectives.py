@@ -219,21 +219,27 @@ def linear_critical_speed(highest: Scalar = linear.HIGHEST, harmonic_hz: float |
     Balance logic has no linear law at rest, and its smooth twin's there is an artefact of the rounding. With `harmonic_hz` (the frequency of
     hunting, Hz) its describing function takes its place (`BalanceLogic.describing`).
     """
+    return HighestLinearCritical(_above_lowest(highest), _frequency(harmonic_hz))
+
+
+def _above_lowest(highest: Scalar) -> float:
     if not (np.isfinite(highest) and highest > linear.LOWEST):
         raise InputError(f"highest must be above {linear.LOWEST:g} m/s, not {highest}")
-    return HighestLinearCritical(float(highest), _frequency(harmonic_hz))
+    return float(highest)
 
 
-def nonlinear_critical_speed(steps: int | None = None) -> Quantity:
-    """Lowest speed (m/s) with a limit cycle, the fold; takes about a second where the linear one takes milliseconds.
+def nonlinear_critical_speed(steps: int | None = None, highest: Scalar = linear.HIGHEST) -> Quantity:
+    """Lowest speed (m/s) with a limit cycle, the fold; takes about a second where the linear one takes milliseconds, a tenth of that for
+    a trial that is little different from an earlier one of the same `tune` or `pareto`, from which it takes its fold.
 
-    `steps` of RK4 in half a period as in `railjax.nonlinear_critical`, the same for all trials; None: 200.
+    `steps` of RK4 in half a period as in `railjax.nonlinear_critical`, the same for all trials; None: 200. What lies above `highest` (m/s)
+    counts as that.
 
     Controlled dampers have the smooth twin of their law here, which is sharp beside a hunting motion (balance logic's fold lies within
     1 km/h of where simulations with the sharp law begin to hunt; that of its describing function up to 2.4 km/h too high). They
     need a least damping: undamped to small motions, the twin is unstable where the controlled vehicle is not.
     """
-    return HighestNonlinearCritical(critical.FEWEST_STEPS if steps is None else int(steps))
+    return HighestNonlinearCritical(critical.FEWEST_STEPS if steps is None else int(steps), _above_lowest(highest))
 
 
 def _frequency(harmonic_hz: Any) -> float | None:
@@ -311,6 +317,7 @@ class HighestNonlinearCritical(Quantity):
     """See `nonlinear_critical_speed`."""
 
     steps: int = structure(critical.FEWEST_STEPS)
+    highest: float = structure(linear.HIGHEST)
     known: KnownFolds | None = structure(None)
 
     traced: ClassVar[bool] = False
@@ -324,7 +331,7 @@ class HighestNonlinearCritical(Quantity):
 
     def value(self, vehicle: Vehicle, damper: Damper) -> Float[Array, "..."]:
         found = critical.found_beside(self.known, vehicle, with_law(damper, "smooth"), steps=self.steps)
-        return jnp.where(found.code == critical.Hunting.STABLE, linear.HIGHEST, found.speed)
+        return jnp.minimum(found.speed, self.highest)  # infinite where it is stable
 
     def remembering(self) -> "HighestNonlinearCritical":
         """Each trial takes its fold from its neighbour's."""
