@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..base.arguments import guarded
 from ..base.batches import Batch, alone, chunk_for, with_derivative_of
 from ..base.checks import traced
+from ..base.compilation import QUICK, hasty
 from ..base.errors import InputError
 from ..base.packing import as_numbers
 from ..base.precision import require_double_precision
@@ -188,7 +189,8 @@ def _fastest_known(vehicle: Vehicle, slowest: Any, damper: Damper, enough: float
     if batch.lanes is None:
         return np.asarray(fastest_rate_on_host(*batch.trees, enough))  # type: ignore[call-arg]
     if batch.lanes > FEW_LANES:
-        return np.asarray(_fastest(*batch.trees, np.asarray(enough), spread=True))
+        one, speeds, law = batch.trees
+        return np.asarray(_fastest(one, speeds, law, np.asarray(enough), spread=True))
     return np.array([fastest_rate_on_host(*batch.take(k), enough) for k in range(batch.lanes)])  # type: ignore[call-arg]
 
 
@@ -196,7 +198,7 @@ def _fastest_known(vehicle: Vehicle, slowest: Any, damper: Damper, enough: float
 CHECKED = 8
 
 
-@functools.partial(jax.jit, static_argnames="spread")
+@hasty(QUICK, static_argnames="spread")
 def _fastest(vehicle: Vehicle, speed: Speed, damper: Damper, enough: Scalar, spread: bool = False) -> Array:
     """Fastest rate of each lane, 1/s, at the lowest speed; loosely where it is surely below `enough`. With `spread` on all devices."""
     slowest = jnp.min(speed.speed) if isinstance(speed, SpeedProfile) else speed
