@@ -1,3 +1,3 @@
 """The release of railjax, which results and stores name."""
 
-__version__ = "0.5.0"
+__version__ = "0.6.0"
