@@ -63,7 +63,20 @@ OF_LAWS = {
     "fault",
     "describing",
 }
-OF_LAWS |= {"decide", "reading", "converted", "slewed", "advanced", "told", "features", "estimate", "inputs", "demanded"}
+OF_LAWS |= {
+    "usually",
+    "across",
+    "decide",
+    "reading",
+    "converted",
+    "slewed",
+    "advanced",
+    "told",
+    "features",
+    "estimate",
+    "inputs",
+    "demanded",
+}
 OF_LAWS |= {"seen_from", "plot", "codes", "value", "sharp"}
 
 CLASSES = {name: value for name in railjax.__all__ if inspect.isclass(value := getattr(railjax, name))}
