@@ -41,9 +41,10 @@ HELD = 1.2e9
 #: files that take longest, the longest first: with `--dist loadfile --no-loadscope-reorder` each worker takes the next file when it has
 #: done one, so that none is left with a long one at the end, and what a file shares is made once
 SLOWEST = [
-    "notebooks", "identify", "tune", "bouc_wen", "failed_lanes", "simulate", "own_damper", "elements", "statistical", "tracks",
-    "distribution", "semiactive", "comfort", "critical", "damper_numerics", "linear", "calibrate", "robustness", "hunting",
-    "vehicle_report", "frequency", "second_vehicle", "cli", "refusals", "attractors", "sweep_cluster", "tune_studies",
+    "notebooks", "tune_studies", "tune", "testing", "simulate", "identify", "train", "profile_hunting", "curving", "bouc_wen",
+    "own_damper", "linear", "elements", "tracks", "statistical", "comfort", "contact_geometry", "profile_contact", "failed_lanes",
+    "distribution", "semiactive", "critical", "damper_numerics", "calibrate", "robustness", "hunting", "vehicle_report", "frequency",
+    "second_vehicle", "controller", "cli", "refusals", "attractors", "sweep_cluster", "house",
 ]  # fmt: skip
 
 
