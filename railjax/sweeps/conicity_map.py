@@ -15,7 +15,8 @@ from ..base.fields import parameter
 from ..base.precision import require_double_precision
 from ..base.typing import Scalar
 from ..model.contact.conicity import equivalent_conicity, nonlinearity_parameter
-from ..model.contact.geometry import NUMBERS, contact_geometry, over_flanges
+from ..model.contact.geometry import contact_geometry
+from ..model.contact.placing import NUMBERS, over_flanges
 from ..model.contact.profiles import RailProfile, WheelProfile
 
 #: points computed together: the places along a wheel of one are thousands of numbers

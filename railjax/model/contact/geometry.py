@@ -11,13 +11,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...base.arguments import guarded
-from ...base.checks import Range, Rising, positive, shown, traced
+from ...base.checks import Range, Rising, positive, traced
 from ...base.errors import InputError
 from ...base.namespace import known
 from ...base.precision import require_double_precision
 from ...base.typing import Number, Scalar, Values
+from .gap import Cubics, Side, laid
+from .jumps import jumps_of
 from .kalker import STEEL_POISSON, STEEL_YOUNG, ContactEllipse, CreepCoefficients, contact_ellipse, creep_coefficients
-from .points import GAUGE_DEPTH, STEP, Contacts, Cubics, Pose, Side, Touching, contacts, laid, touching
+from .placing import PLACED, refuse_unfit
+from .points import STEP, Contacts, contacts
 from .profiles import RailProfile, WheelProfile
 
 if TYPE_CHECKING:
@@ -30,10 +33,6 @@ PerY = Float[Array, "..."] | Float[np.ndarray, "..."]
 LATERAL = np.linspace(-10e-3, 10e-3, 201)
 #: share of Hertz's approach over which the soft contact spreads: with it the variance along the surface is that of Hertz's ellipse, b²/5
 SPREAD = 0.2
-#: m by which a contact moves on the wheel where it jumps, however small the step of y; how often a step is halved to see it
-JUMP, HALVINGS = 0.3e-3, 14
-#: rad; a contact angle at rest beyond which the flanges stand on the rails
-STANDING = 0.6
 #: 1/m; flatter gaps are taken as this one in Hertz's theory, whose ellipse would be wider than any rail
 FLATTEST = 0.5
 
@@ -88,7 +87,7 @@ class ContactGeometry(ContactFunctions):
 
     @functools.cached_property
     def _jumps(self) -> tuple[Float[np.ndarray, "jumps"], Float[np.ndarray, "jumps"]]:
-        return _jumps(self)
+        return jumps_of(self)
 
     @guarded()
     def ellipses(self, load: Scalar = 50e3) -> ContactEllipse:
@@ -171,38 +170,6 @@ QUANTITIES = {
 }
 
 
-def _one_or_two(kind: type) -> Any:
-    """A rule: a profile, the name of one, or two of them."""
-    what = "wheel" if kind is WheelProfile else "rail"
-
-    def rule(key: str, value: Any) -> None:
-        pair = value if isinstance(value, (tuple, list)) else (value,)
-        if len(pair) not in (1, 2) or not all(isinstance(one, (kind, str)) and one != "" for one in pair):
-            raise InputError(
-                f"{key} must be a {what} profile, as railjax.{kind.__name__}.load gives it, or (right, left), not {shown(value)}"
-            )
-
-    return rule
-
-
-#: what the numbers of a pair may be
-NUMBERS = {
-    "gauge": Range("m", 0.5, 2.0, axes=1, why="; is it in millimetres?"),
-    "flange_back": Range("m", 0.4, 2.0, axes=1, why="; is it in millimetres?"),
-    "tread_datum": Range("m", 0.0, 0.2, axes=1, why="; is it in millimetres?"),
-    "radius": Range("m", 0.05, 1.5, axes=1, why="; is it in millimetres?"),
-    "inclination": Range("rad", -0.2, 0.2, axes=1, why="; 1:40 is 1/40"),
-}
-
-
-#: what a wheel, a rail and how they lie may be
-PLACED: dict[str, Any] = {
-    "wheel": _one_or_two(WheelProfile),
-    "rail": _one_or_two(RailProfile),
-    **NUMBERS,
-}
-
-
 @guarded(
     **PLACED,
     y=Rising(Range("m", -0.06, 0.06, why="; is it in millimetres?"), 3),
@@ -252,7 +219,7 @@ def contact_geometry(
         require_double_precision("the derivative of a contact geometry, or one inside jit,")
         return _compiled(given, at, steps)
     found = _geometry(np, known(given), at, steps)
-    _refuse(found, float(gauge))
+    refuse_unfit(found, float(gauge))
     return found
 
 
@@ -364,57 +331,3 @@ def _two_numbers(key: str, value: Any) -> tuple[Any, Any]:
     if len(value) != 2:
         raise InputError(f"{key} must be a number or two, (right, left), not {len(value)}")
     return value[0], value[1]
-
-
-def over_flanges(wheels: tuple[WheelProfile, WheelProfile], base: Any) -> Any:
-    """How far the faces of both flanges are apart where gauge is measured, m; `base` (m) are both tread datums from the wheelset's middle."""
-    return sum(one - wheel.flange_face(GAUGE_DEPTH) for one, wheel in zip(base, wheels, strict=True))
-
-
-def _refuse(found: ContactGeometry, gauge: float) -> None:
-    """What is known to be no geometry of a wheelset on its rails."""
-    apart = float(over_flanges(found.profiles[0], found.sides.base))
-    if not apart < gauge:
-        raise InputError(
-            f"the wheelset does not fit between the rails: {1e3 * GAUGE_DEPTH:g} mm below the tread its flanges are {1e3 * apart:.1f} mm "
-            f"apart and gauge is {1e3 * gauge:.1f} mm; enlarge gauge or take a smaller flange_back"
-        )
-    for side, (wheel, named) in enumerate(zip(found.profiles[0], ("right", "left"), strict=True)):
-        place = np.asarray(found.wheel_position[:, side])
-        for end in (wheel.lateral[0], wheel.lateral[-1]):
-            beyond = np.abs(place - end) < 1e-6
-            if np.any(beyond):
-                at = float(found.y[int(np.argmax(beyond))])
-                raise InputError(
-                    f"{wheel.name}: at y = {1e3 * at:.2f} mm the {named} wheel would touch beyond its end at {1e3 * end:.1f} mm; the profile is too short for the gauge"
-                )
-    if not np.all(np.isfinite(found.roll)) or not np.all(np.isfinite(found.smooth.roll)):
-        raise InputError("the profiles, or gauge and flange_back, are not those of a wheelset on rails: no contact was found")
-    rest = np.asarray(found.contact_angle)[int(np.argmin(np.abs(np.asarray(found.y))))]
-    if np.all(rest > STANDING):
-        raise InputError(
-            "the wheelset does not fit between the rails: at rest both flanges stand on them; gauge is too small for flange_back, or not in metres"
-        )
-
-
-def _jumps(found: ContactGeometry) -> tuple[Float[np.ndarray, "jumps"], Float[np.ndarray, "jumps"]]:
-    """Where a contact jumps, and by how much Delta r does: steps in which a contact moves far are halved, and what does not become
-    small is a jump. Of two within a step the larger counts."""
-    y, place = np.asarray(found.y), np.asarray(found.wheel_position)
-    suspect = np.flatnonzero(np.max(np.abs(np.diff(place, axis=0)), axis=1) > JUMP)
-    ends = [(y[suspect + k], Pose(np.asarray(found.height)[suspect + k], np.asarray(found.roll)[suspect + k])) for k in (0, 1)]
-    if not suspect.size:
-        return np.zeros(0), np.zeros(0)
-    side = known(found.sides)
-    low, high = (touching(side, at, pose) for at, pose in ends)
-    for _ in range(HALVINGS):
-        middle = touching(side, 0.5 * (low.y + high.y), Pose(*(0.5 * (a + b) for a, b in zip(low.pose, high.pose, strict=True))))
-        first = np.max(np.abs(middle.place - low.place), axis=0) > np.max(np.abs(high.place - middle.place), axis=0)
-        low, high = _chosen(first, low, middle), _chosen(first, middle, high)
-    jumped = np.max(np.abs(high.place - low.place), axis=0) > JUMP
-    size = (high.rise - low.rise)[0] - (high.rise - low.rise)[1]
-    return (0.5 * (low.y + high.y))[jumped], size[jumped]
-
-
-def _chosen(first: Any, one: Touching, other: Touching) -> Touching:
-    return jax.tree.map(lambda a, b: np.where(first, a, b), one, other)

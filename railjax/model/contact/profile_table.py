@@ -21,9 +21,11 @@ from ...base.typing import Scalar, Values
 from ..consistency import VEHICLE
 from ..vehicle import Profiles, Vehicle
 from .cubics import cubic_rows
-from .geometry import FLATTEST, PLACED, SPREAD, Pair, both_sides, contact_geometry, laid_out, steps_to
+from .gap import Pose, Side
+from .geometry import FLATTEST, SPREAD, Pair, both_sides, contact_geometry, laid_out, steps_to
 from .kalker import creep_coefficients
-from .points import Lean, Pose, Side, leaning, posed, risen
+from .placing import PLACED
+from .points import Lean, leaning, posed, risen
 from .profile_contact import FUNCTIONS, OF_WHEEL, ROLL, SHARED
 from .table import slopes_of
 
