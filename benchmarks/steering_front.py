@@ -2,8 +2,8 @@
 
     python benchmarks/steering_front.py --points 20
 
-The fronts of `railjax reproduce --beyond` (railjax/reports/paper/studies/steering.py, where they are drawn): the coach's nonlinear (or, with
---linear, linear) critical speed against the wear number in R 500 m over primary stiffnesses and yaw damping; then with a bracing between the
+The fronts of `railjax reproduce --beyond` (railjax/reports/paper/studies/steering.py, where they are drawn; there the bracing's by linear
+critical speeds, as its nonlinear one takes longer than 4 minutes): the coach's nonlinear (or, with --linear, linear) critical speed against the wear number in R 500 m over primary stiffnesses and yaw damping; then with a bracing between the
 wheelsets of each bogie as well. At most 4 minutes a front on two cores; it is judged by processor time, which others' work does not stretch
 and which two cores can only make shorter.
 """
