@@ -162,7 +162,11 @@ def hasty(chosen: dict[str, Any] = HASTY, **of_jit: Any) -> Callable[[F], F]:
 
         @functools.wraps(function)
         def compiled(*arguments: Any, **named: Any) -> Any:
-            return (within if traced((arguments, named)) else alone)(*arguments, **named)
+            if traced((arguments, named)):
+                return within(*arguments, **named)
+            # of known numbers at once also where others are traced: JAX takes no options within another `jit`
+            with jax.ensure_compile_time_eval():
+                return alone(*arguments, **named)
 
         return compiled  # type: ignore[return-value]
 

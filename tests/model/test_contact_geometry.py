@@ -226,7 +226,7 @@ def test_refusals():
         "or two, .right, left.": lambda: contact_geometry("S1002", "60E1", radius=(0.46, 0.46, 0.46)),
         "y must be .*rising|rising": lambda: contact_geometry("S1002", "60E1", y=np.array([1e-3, 0.0, 2e-3])),
         "packaged are S1002": lambda: contact_geometry("S1003", "60E1"),
-        "packaged are 60E1, 60E2": lambda: contact_geometry("S1002", "60E3"),
+        "packaged are 60E1, UIC60-MANCHESTER, 60E2": lambda: contact_geometry("S1002", "60E3"),
         "cannot be read": lambda: contact_geometry("nowhere.prw", "60E1"),
     }
     for message, call in calls.items():
