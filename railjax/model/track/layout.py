@@ -14,6 +14,7 @@ from ...base.arguments import ARGUMENTS, guarded
 from ...base.checks import Kind, OneOf
 from ...base.errors import InputError
 from ...base.fields import matrix, structure, table
+from ...base.pytrees import registered_by_name
 from ...base.typing import Number, Scalar
 from ..kinematics import bogie_positions, heights, wheelset_positions
 from ..vehicle import Vehicle
@@ -302,22 +303,14 @@ class Layout:
 _LEAVES = [name for name in Layout.__dataclass_fields__ if name != "label"]
 
 
-def _flatten(layout: Layout) -> tuple[list, None]:
-    return [getattr(layout, name) for name in _LEAVES], None
-
-
-def _flatten_with_keys(layout: Layout) -> tuple[list, None]:
-    return [(jax.tree_util.GetAttrKey(name), getattr(layout, name)) for name in _LEAVES], None
-
-
-def _unflatten(_: None, values: Any) -> Layout:
+def _rebuilt(values: dict[str, Any]) -> Layout:
     layout = object.__new__(Layout)
-    for name, value in zip((*_LEAVES, "label"), (*values, ""), strict=True):
+    for name, value in (values | {"label": ""}).items():
         object.__setattr__(layout, name, value)
     return layout
 
 
 # the constructor, which makes the pieces, is not called where JAX rebuilds the tree; the label is for printing and lost there
-jax.tree_util.register_pytree_with_keys(Layout, _flatten_with_keys, _unflatten, _flatten)
+registered_by_name(Layout, _LEAVES, (), _rebuilt)
 
 ARGUMENTS["layout"] = Kind(Layout, "a railjax.Layout")

@@ -117,16 +117,19 @@ class MeasuredTrack(SampledTrack):
         if chord is not None:
             samples, lost = restored(samples, spacing, chord, longest, name)
             record, longest = dataclasses.replace(record, notes=(*record.notes, *lost)), None
-        samples = _tapered(_checked(_filtered(samples, spacing, shortest, longest, name), longest, name), spacing, fade, name)
+        samples = _checked(_filtered(samples, spacing, shortest, longest, name), longest, name)
+        self._lay(_tapered(samples, spacing, fade, name), spacing, amplitude)
+        self._set(cross=cross, label=record)
+
+    def _lay(self, samples: Float[np.ndarray, "points"], spacing: float, amplitude: Scalar) -> None:
+        """Make it the track of these samples."""
         self._set(
-            cross=cross,
             coefficients=_coefficients(samples),
             spacing=spacing,
             start=LEAD - TAIL * spacing,
             amplitude=amplitude,
             fade=None,
             periodic=False,
-            label=record,
         )
 
     @staticmethod
@@ -142,16 +145,8 @@ class MeasuredTrack(SampledTrack):
                 "or leave it out by rolls=False"
             )
         made = object.__new__(MeasuredTrack)
-        made._set(
-            cross=None,
-            coefficients=_coefficients(_tapered(samples, spacing, fade, record.name)),
-            spacing=spacing,
-            start=LEAD - TAIL * spacing,
-            amplitude=amplitude,
-            fade=None,
-            periodic=False,
-            label=None,
-        )
+        made._lay(_tapered(samples, spacing, fade, record.name), spacing, amplitude)
+        made._set(cross=None, label=None)
         return made
 
     @guarded(amplitude=Range("1", axes=1))

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -22,6 +21,7 @@ from ...base.checks import Kind, Range, a_path, positive
 from ...base.compilation import fence
 from ...base.errors import InputError
 from ...base.fields import optional, parameter, structure, table
+from ...base.pytrees import registered_by_name
 from ...base.typing import Number, Scalar
 from .shapes import Alignment, Distances, alignment
 from .spectra import TableSpectrum
@@ -167,19 +167,10 @@ def fade_in(distance: Distances, fade: Scalar) -> Distances:
 def register(kind: type[T]) -> type[T]:
     """Register a kind of sampled track as a pytree whose constructor, which makes the table, is not called on rebuilding."""
     leaves = [f.name for f in dataclasses.fields(kind) if not f.metadata.get("static")]
-    keys = [jax.tree_util.GetAttrKey(name) for name in leaves]
 
-    def flatten(track: T) -> tuple[list, tuple]:
-        return [getattr(track, name) for name in leaves], (track.periodic,)
-
-    def flatten_with_keys(track: T) -> tuple[list, tuple]:
-        values, rest = flatten(track)
-        return list(zip(keys, values, strict=True)), rest
-
-    def unflatten(rest: tuple, values: Any) -> T:
+    def rebuilt(values: dict[str, Any]) -> T:
         track = object.__new__(kind)
-        track._set(**dict(zip(leaves, values, strict=True)), periodic=rest[0], label=None)
+        track._set(**values, label=None)
         return track
 
-    jax.tree_util.register_pytree_with_keys(kind, flatten_with_keys, unflatten, flatten)
-    return kind
+    return registered_by_name(kind, leaves, ("periodic",), rebuilt)

@@ -76,7 +76,7 @@ def stability_and_wear(context: Context) -> Outcome:
         drawn = (
             ("nonlinear, without bracing", front, "-", 0),
             ("linear, without bracing", plain, "--", 0),
-            ("linear, with", braced, "--", 1),
+            ("linear, braced", braced, "--", 1),
         )
         for name, one, line, colour in drawn:
             order = np.argsort(one.against)
