@@ -12,11 +12,9 @@ T = TypeVar("T")
 def registered(kind: type[T]) -> type[T]:
     """Register a frozen dataclass as a pytree, as `jax.tree_util.register_dataclass` does: for those of which one may stand where another was.
 
-    JAX before 0.11 takes trees for equal whose nodes are of different dataclasses with the same fields, and now and then (where hashes fall
-    into the same place) hands one's numbers to the program compiled for the other.
+    JAX (0.10 and 0.12) takes trees for equal whose nodes are of different dataclasses with the same fields, and now and then (where hashes
+    fall into the same place) may hand one's numbers to the program compiled for the other.
     """
-    if jax.__version_info__ >= (0, 11):
-        return jax.tree_util.register_dataclass(kind)
     fields = [f for f in dataclasses.fields(kind) if f.init]  # type: ignore[arg-type]
     leaves = [f.name for f in fields if not f.metadata.get("static")]
     fixed = [f.name for f in fields if f.metadata.get("static")]
