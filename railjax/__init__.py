@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .base.batches import use_all_cores
-    from .base.compilation import jit, keep_compiled
+    from .base.compilation import jit
     from .base.errors import InputError, NumericalError
     from .base.precision import use_double_precision
+    from .base.programs import keep_compiled
     from .dampers.balance_logic import BalanceLogic
     from .dampers.bouc_wen import BoucWen
     from .dampers.bouc_wen_damper import BoucWenDamper, HybridDamper
@@ -270,7 +271,8 @@ _NAMES = {
     "dampers.identification.result": "Identification",
     "dampers.identification.identify": "identify_damper",
     "model.contact.kalker": "contact_ellipse creep_coefficients kalker_coefficients",
-    "base.compilation": "jit keep_compiled",
+    "base.compilation": "jit",
+    "base.programs": "keep_compiled",
     "base.batches": "use_all_cores",
     "stability.hunting.limit_cycles": "Branch LimitCycle",
     "stability.linear_critical": "Stability linear_critical linear_critical_speed",

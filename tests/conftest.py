@@ -25,7 +25,7 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 install_import_hook("railjax", "typechecks.checked")
 
 import railjax  # noqa: E402
-from railjax.base.compilation import forget_compiled  # noqa: E402
+from railjax.base.programs import forget_compiled  # noqa: E402
 
 railjax.use_double_precision()
 railjax.use_all_cores()

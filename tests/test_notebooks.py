@@ -9,7 +9,7 @@ from nbclient import NotebookClient
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
 
 #: before each: nothing of another notebook is there, neither names nor memory
-FRESH = "%reset -f\nimport railjax.base.compilation\nrailjax.base.compilation.forget_compiled()\n%reset -f"
+FRESH = "%reset -f\nimport railjax.base.programs\nrailjax.base.programs.forget_compiled()\n%reset -f"
 
 
 def code_cells(notebook: nbformat.NotebookNode) -> list:

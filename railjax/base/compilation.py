@@ -9,18 +9,8 @@ attributes of a called function change that: `xla_cpu_small_call` compiles the c
 The attributes are XLA's own; a release that dropped them would only be slower (tests/base/test_kernels.py would say so).
 """
 
-import contextlib
-import ctypes
 import functools
-import gc
-import os
-import platform
-import re
-import sys
-import tempfile
-import threading
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
@@ -55,90 +45,6 @@ def options(chosen: dict[str, int]) -> dict[str, int] | None:
 #: eigenvalues with right eigenvectors: a function of its own, because within one of some thousand operations XLA (JAX 0.12) loses what
 #: kind of call LAPACK's is and refuses it
 eig = jax.jit(jnp.linalg.eig)
-
-
-#: bytes that the folder of compiled code may hold when a process begins; some 30 kB a program
-KEPT = 500e6
-
-#: what XLA prints at every load on JAX 0.10, where two wishes of its compiler count as features that the processor lacks (XLA issue 44565)
-FALSE_ALARM = re.compile(rb"Target machine feature \+prefer-no-(gather|scatter) is not +supported")
-_listening = threading.Lock()
-
-
-@guarded()
-def keep_compiled(folder: str | Path | None = None) -> Path:
-    """Keep what is compiled on disk, so that later processes need not compile it again; call it before anything is computed.
-
-    `folder`: default a folder per machine below $XDG_CACHE_HOME or ~/.cache, as compiled code may use what another processor lacks.
-    A folder that JAX has been given already ($JAX_COMPILATION_CACHE_DIR, jax.config) is kept. Returns the folder. The command line
-    does it by itself; deleting the folder is always safe, and what has not been used for longest is deleted beyond 500 MB.
-    """
-    if jax.__version_info__ < (0, 11):
-        from jax._src import compilation_cache as cache
-
-        load = cache.get_executable_and_time
-        cache.get_executable_and_time = load if hasattr(load, "__wrapped__") else _without_false_alarm(load)
-    given = jax.config.jax_compilation_cache_dir
-    if given is not None:
-        return Path(given)
-    if folder is None:
-        base = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
-        folder = Path(base, "railjax", platform.node() or "this-machine")
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    # also what compiles quickly: a hundred such programs are seconds
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    _forget(Path(folder))
-    return Path(folder)
-
-
-def _forget(folder: Path) -> None:
-    """Delete what was used longest ago, down to half of what may be kept, once there is more."""
-    with contextlib.suppress(OSError):  # no folder yet, or another process does the same
-        found = [(file, file.stat()) for file in folder.iterdir()]
-        total = sum(about.st_size for _, about in found)
-        if total > KEPT:
-            for file, about in sorted(found, key=lambda entry: entry[1].st_atime):
-                file.unlink()
-                total -= about.st_size
-                if total < KEPT / 2:
-                    return
-
-
-def _without_false_alarm(load: F) -> F:
-    """The same function, without what XLA prints on standard error meanwhile that is no more than `FALSE_ALARM`."""
-
-    @functools.wraps(load)
-    def quiet(*arguments: Any) -> Any:
-        with _listening, tempfile.TemporaryFile() as heard:
-            kept = os.dup(2)
-            os.dup2(heard.fileno(), 2)
-            try:
-                return load(*arguments)
-            finally:
-                os.dup2(kept, 2)
-                os.close(kept)
-                heard.seek(0)
-                for line in heard:
-                    if not FALSE_ALARM.search(line):
-                        os.write(2, line)
-
-    return quiet  # type: ignore[return-value]
-
-
-def forget_compiled() -> None:
-    """Let go of everything compiled so far, between studies that have no program in common: it is most of a long process's memory.
-
-    What is called again is compiled again, or read from the folder of `keep_compiled`.
-    """
-    jax.clear_caches()
-    return_memory()
-
-
-def return_memory() -> None:
-    """Give back to the system what is free: the C library keeps what the compiler needed, some 200 MB after a few large programs."""
-    gc.collect()
-    if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "malloc_trim"):  # glibc's, not musl's
-        library.malloc_trim(0)
 
 
 def fence(function: F) -> F:

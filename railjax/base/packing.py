@@ -28,6 +28,10 @@ def as_numbers(tree: Any) -> Any:
     return jax.tree.map(number, tree)
 
 
+class Unlike(int):
+    """A number that tells things apart within one process only, such as a hash."""
+
+
 class Form(NamedTuple):
     """What a tree of arrays is made of but its numbers, which a compiled function takes as one array: many are slow to hand over, and XLA
     aborts the process on an argument of one kernel for which it finds no use."""
@@ -71,7 +75,7 @@ class Packed:
         single = tuple(np.ndim(leaf) == 0 for leaf in leaves)
         numbers = np.array([leaf for leaf, alone in zip(leaves, single, strict=True) if alone], jnp.result_type(float))
         tables = [leaf for leaf, alone in zip(leaves, single, strict=True) if not alone]
-        return cls(numbers, as_numbers(tables), treedef, single, hash(treedef))
+        return cls(numbers, as_numbers(tables), treedef, single, Unlike(hash(treedef)))
 
     def unpacked(self) -> Any:
         numbers, tables = iter(self.numbers), iter(self.tables)

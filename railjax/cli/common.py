@@ -83,7 +83,7 @@ def prepare() -> None:
 
     use_double_precision()
     use_all_cores()
-    keep_compiled()
+    keep_compiled(whole=True)
 
 
 def load(name: str) -> Any:

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float
 from ..base.arguments import guarded
 from ..base.compilation import fence, one_kernel
 from ..base.packing import Packed
+from ..base.programs import kept
 from ..base.typing import Scalar
 from .contact.creep import ContactForce, Creepage, contact_force, creepages
 from .contact.profile_contact import OfWheels, profile_contact, seated
@@ -334,7 +335,7 @@ def _rate_matrix(
     return linearised(vehicle, speed, damper, functools.partial(state_rate, vehicle), flange=flange)
 
 
-@jax.jit
+@kept
 @one_kernel
 def _rate_matrices(packed: Packed) -> Float[Array, "2 states columns"]:
     return jax.lax.map(functools.partial(_rate_matrix, *packed.unpacked()), jnp.array([False, True]))

@@ -19,6 +19,7 @@ from ..base.batches import Batch, chunk_for
 from ..base.compilation import QUICK, one_kernel, options
 from ..base.fields import structure
 from ..base.packing import Packed
+from ..base.programs import kept
 from .channels import CHANNELS, parse_reduction, rows_of_motion, rows_of_state, shape_of
 from .integrate import STATES, Block, Integrated, Plan, Progress, advance, burst_of, read
 
@@ -92,7 +93,7 @@ def joined(pieces: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
 
 
-@functools.partial(jax.jit, compiler_options=QUICK)
+@functools.partial(kept, compiler_options=QUICK)
 @one_kernel
 def _read_alone(packed: Packed, *rest: Any) -> jax.Array:
     return read(*packed.unpacked(), *rest)
@@ -124,7 +125,7 @@ def _block(block: Block) -> Callable[[tuple], tuple[Integrated, Progress]]:
 @functools.cache
 def _block_alone(block: Block) -> Callable[..., tuple[Integrated, Progress]]:
     kernel = one_kernel(lambda packed, *rest: _block(block)(*packed.unpacked(), *rest))
-    return jax.jit(kernel, compiler_options=options(QUICK))
+    return kept(kernel, block, compiler_options=options(QUICK))
 
 
 def finished(

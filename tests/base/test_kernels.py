@@ -1,9 +1,5 @@
 """The attributes that make XLA compile few, large kernels: still understood, and without effect on the numbers."""
 
-import os
-import subprocess
-import sys
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -81,67 +77,3 @@ def test_a_parameter_of_no_use_does_no_harm(coach):
 
     moving = jax.tree.map(jnp.asarray, coach.secondary)
     np.testing.assert_array_equal(railjax.jit(comfort)(moving), comfort(coach.secondary))
-
-
-RUN = """60.0, damper=railjax.BalanceLogic(0.5), initial={"wheelset_y": 9.5e-3}, duration=0.5, record=(), reduce=["rms:wheelset_y"]"""
-
-
-def test_a_later_process_finds_what_was_compiled(tmp_path, coach):
-    """And says nothing of it, though JAX 0.10 takes wishes of its compiler for features that the processor lacks. XLA's own settings give
-    the numbers that those of tests/conftest.py do."""
-    code = f"""
-import sys, jax, railjax
-hits = []
-jax.monitoring.register_event_listener(lambda event, **_: hits.append(event) if event.endswith("/cache_hits") else None)
-print(railjax.keep_compiled({str(tmp_path / "kept")!r}))
-railjax.use_double_precision()
-coach = railjax.load_vehicle("coach")
-print(railjax.linear_critical_speed(coach))
-print(float(railjax.simulate(coach, {RUN})["rms:wheelset_y"][0]))
-print(len(hits))
-"""
-    apart = ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR", "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "TF_CPP_MIN_LOG_LEVEL")
-    environment = {key: value for key, value in os.environ.items() if key not in apart}
-    runs = [subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True) for _ in range(2)]
-    assert [(run.returncode, run.stderr) for run in runs] == [(0, ""), (0, "")]
-    first, second = (run.stdout.split() for run in runs)
-    assert first[0] == str(tmp_path / "kept")
-    assert first[:3] == second[:3]
-    assert first[3] == "0" < second[3]
-    run = eval(f"railjax.simulate(coach, {RUN})", {"railjax": railjax, "coach": coach})
-    here = float(railjax.linear_critical_speed(coach)), float(run["rms:wheelset_y"][0])
-    np.testing.assert_allclose([float(value) for value in first[1:3]], here, rtol=1e-9)
-
-
-def test_only_the_false_alarm_is_kept_from_standard_error(capfd):
-    alarm = "E1125 15:59:58.341676 10200 cpu_aot_loader.cc:195] Loading XLA:CPU AOT result. Target machine feature {} is not  supported on"
-
-    def load(loud):
-        for feature in ("+prefer-no-gather", "+avx512f", "+prefer-no-scatter"):
-            os.write(2, f"{alarm.format(feature)} the host machine.\n".encode())
-        if loud:
-            raise OSError("torn")
-        return 1
-
-    quiet = kernels._without_false_alarm(load)
-    assert quiet(False) == 1
-    with pytest.raises(OSError, match="torn"):
-        quiet(True)
-    os.write(2, b"after")
-    lines = capfd.readouterr().err.splitlines()
-    assert len(lines) == 3
-    assert all("+avx512f" in line for line in lines[:2])
-    assert lines[2] == "after"
-
-
-def test_what_was_used_longest_ago_is_deleted_where_much_is_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(kernels, "KEPT", 1000)
-    kernels._forget(tmp_path / "none")
-    for k in range(10):
-        (tmp_path / str(k)).write_bytes(bytes(99))
-        os.utime(tmp_path / str(k), (1e9 + k, 1e9))
-    kernels._forget(tmp_path)
-    assert len(list(tmp_path.iterdir())) == 10
-    (tmp_path / "10").write_bytes(bytes(99))
-    kernels._forget(tmp_path)
-    assert sorted(int(file.name) for file in tmp_path.iterdir()) == [6, 7, 8, 9, 10]

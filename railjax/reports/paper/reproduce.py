@@ -13,9 +13,9 @@ from typing import Any
 
 import jax
 
-from ...base.compilation import forget_compiled, return_memory
 from ...base.errors import InputError
 from ...base.precision import require_double_precision
+from ...base.programs import forget_compiled, return_memory
 from ...base.source import digest_of_source
 from ...base.text import without_nan
 from ...vehicles.files import load_vehicle

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from ...base.compilation import QUICK, options
 from ...base.packing import Form
+from ...base.programs import kept
 from ...model.contact.profile_table import evened
 from ...simulation.runge_kutta import rk4_in_loop
 from .orbits import Model, Orbit, Shooting, by_parameters, called, section_of, state_rates, unpack
@@ -91,4 +92,4 @@ def _backwards(form: Form, room: int) -> Callable[..., Array]:
         return jax.lax.fori_loop(0, steps, back, (weights, jnp.zeros_like(numbers)))[1]
 
     # not one kernel: of several wheelsets the derivative by a table scatters, which XLA does not write within one
-    return jax.jit(function, compiler_options=options(QUICK))
+    return kept(function, form, room, compiler_options=options(QUICK))

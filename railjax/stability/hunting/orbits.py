@@ -22,6 +22,7 @@ from jaxtyping import Array, Float, Int
 
 from ...base.compilation import QUICK, one_kernel, options
 from ...base.packing import Form, numbers_of
+from ...base.programs import kept
 from ...base.typing import Number, Scalar
 from ...model.contact.profile_table import is_odd
 from ...model.damper import Damper, answers
@@ -215,16 +216,16 @@ def state_rates(model: Model, slowness: Scalar, lanes: tuple[int, ...] = ()) -> 
     return rate
 
 
-@functools.partial(jax.jit, static_argnames="form")
-def _matrix(form: Form, numbers: Array, slowness: Array, x: Array) -> Float[Array, "s s"]:
-    return jax.jacfwd(state_rates(form.tree(numbers), slowness))(x)
+@functools.cache
+def _matrix(form: Form) -> Callable[..., Float[Array, "s s"]]:
+    return kept(lambda numbers, slowness, x: jax.jacfwd(state_rates(form.tree(numbers), slowness))(x), form)
 
 
 def matrix_at(model: Model, speed: float) -> Float[np.ndarray, "s s"]:
     """E about steady running at a speed (m/s)."""
     if model.arc is None:
         return both_at(model.vehicle, speed, model.damper)[0]
-    return np.asarray(_matrix(model.form, model.numbers, np.asarray(1.0 / speed), model.rest))
+    return np.asarray(_matrix(model.form)(model.numbers, np.asarray(1.0 / speed), model.rest))
 
 
 def flow(
@@ -282,7 +283,7 @@ def _by_parameters(symmetric: bool, model: Model, orbit: Orbit, steps: Any) -> F
 @functools.cache
 def _compiled(function: Callable[..., Any], symmetric: bool, form: Form) -> Callable[..., Any]:
     kernel = one_kernel(lambda numbers, *rest: function(symmetric, form.tree(numbers), *rest))
-    return jax.jit(kernel, compiler_options=options(QUICK))
+    return kept(kernel, function, symmetric, form, compiler_options=options(QUICK))
 
 
 def called(function: Callable[..., Any], model: Model, shooting: Shooting, orbit: Orbit, *more: np.ndarray) -> Any:

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float, Int
 from ...base.batches import CHUNK, cores, in_threads
 from ...base.compilation import QUICK, one_kernel, options
 from ...base.packing import Form
+from ...base.programs import kept
 from ...model.kinematics import labels, size
 from ...model.motion import held, wheelset_shape
 from ...simulation.runge_kutta import rk4_in_loop
@@ -184,7 +185,7 @@ def _steps(
 @functools.cache
 def _one_period(form: Form) -> Callable[..., tuple[Array, Array]]:
     kernel = one_kernel(lambda numbers, table, *rest: _steps(form.tree(numbers).with_table(table), *rest))
-    return jax.jit(kernel, compiler_options=options(QUICK))
+    return kept(kernel, form, compiler_options=options(QUICK))
 
 
 def one_period(model: Model, orbit: Orbit, steps: int) -> Float[np.ndarray, "samples states"]:
