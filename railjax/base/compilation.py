@@ -16,11 +16,16 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 from jax.experimental.xla_metadata import set_xla_metadata
+from jax.extend.core import get_opaque_trace_state
 
 from .arguments import guarded
 from .checks import traced
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+# what JAX says where nothing is traced; this module may be imported while something is
+with jax.core.eval_context():
+    _OUTSIDE = get_opaque_trace_state()
 
 #: options for batches on CPU: full-width vectors (1.2 times faster; single runs are slower with them)
 WIDE = {"xla_cpu_prefer_vector_width": 512}
@@ -70,7 +75,10 @@ def hasty(chosen: dict[str, Any] = HASTY, **of_jit: Any) -> Callable[[F], F]:
         def compiled(*arguments: Any, **named: Any) -> Any:
             if traced((arguments, named)):
                 return within(*arguments, **named)
-            # of known numbers at once also where others are traced: JAX takes no options within another `jit`
+            if get_opaque_trace_state() == _OUTSIDE:
+                return alone(*arguments, **named)
+            # of known numbers at once also where others are traced: JAX takes no options within another `jit`. While it traces, this does
+            # single operations one by one, each compiled
             with jax.ensure_compile_time_eval():
                 return alone(*arguments, **named)
 

@@ -77,3 +77,21 @@ def test_a_parameter_of_no_use_does_no_harm(coach):
 
     moving = jax.tree.map(jnp.asarray, coach.secondary)
     np.testing.assert_array_equal(railjax.jit(comfort)(moving), comfort(coach.secondary))
+
+
+def test_hasty_functions_are_one_program_and_known_numbers_work_within_another_trace():
+    """Their own constants are not computed one by one where nothing else is traced, which took longer than the program."""
+    made = []
+
+    @kernels.hasty()
+    def function(x):
+        made.append(isinstance(jnp.arange(37.0) * 2.0, jax.core.Tracer))
+        return x + jnp.arange(37.0) * 2.0
+
+    x = np.linspace(0.0, 1.0, 37)
+    expected = x + np.arange(37.0) * 2.0
+    np.testing.assert_array_equal(function(x), expected)
+    assert made == [True]
+    for transform in (jax.jit, jax.vmap, lambda f: jax.jit(jax.vmap(f))):
+        np.testing.assert_array_equal(transform(lambda y: function(x)[0] + y)(jnp.ones(1)), [expected[0] + 1.0])
+    np.testing.assert_array_equal(jax.jit(function)(x), expected)
