@@ -94,7 +94,7 @@ MUTANTS = [
            "model/test_motion.py::test_six_axle_vehicle"),
     # integration
     Mutant("RK4: weights 1 3 1 1", "simulation/runge_kutta", "dt / (3.0 if k in (1, 2) else 6.0)",
-           "dt / (2.0 if k == 1 else 6.0)", "simulation/test_integrate.py::test_order_4_on_the_linear_model_against_expm"),
+           "dt / (2.0 if k == 1 else 6.0)", "simulation/test_integrate.py::test_the_step_in_a_loop_is_the_other_one"),
     Mutant("RK4: third stage sees the end's track", "simulation/integrate", "leaf[(k + 1) // 2]", "leaf[(k + 2) // 2]",
            "simulation/test_integrate.py::test_order_4_on_the_smooth_laws_against_dop853"),
     Mutant("RK4 in a loop: first weights exchanged", "simulation/runge_kutta", "jnp.where((k == 1) | (k == 2), dt / 3.0, dt / 6.0)",

@@ -136,7 +136,9 @@ def test_accelerometer_is_the_acceleration_behind_a_low_pass(coach):
     assert np.std(read - felt) > 0.06 * expected.std()
 
 
-def test_delays_are_whole_samples_and_a_sample_is_taken_once(coach):
+def test_delays_are_whole_samples_and_a_sample_is_taken_once(coach, monkeypatch):
+    # commands what it hears of the last sensor
+    monkeypatch.setattr(railjax.Controller, "decide", lambda self, vehicle, signals, memory, elapsed: (signals[-1], memory))
     controller = railjax.Controller(SKYHOOK, sensors=dataclasses.replace(Sensors.typical(), delays=(0, 1, 3)), faults=None)
     rng, n = np.random.default_rng(0), 17
     own, seen_readings = jnp.zeros((controller.internal_states, 2)), []
@@ -154,6 +156,7 @@ def test_delays_are_whole_samples_and_a_sample_is_taken_once(coach):
     line = np.asarray(controller.parts(own)["readings"]).reshape(3, 3, 2)
     for age in range(3):
         np.testing.assert_array_equal(line[age], seen_readings[-1 - age])
+    np.testing.assert_array_equal(controller.parts(own)["command"][0], seen_readings[-1 - 3][2])
     assert float(own[1, 0]) == 5.0
 
 
