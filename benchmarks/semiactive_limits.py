@@ -227,15 +227,12 @@ def bound(coach: Any, device: Device, track: Any, speed: np.ndarray, start: Any)
 
 
 def onsets(coach: Any, law: Any) -> dict[str, float]:
-    """Speeds (km/h) from which the coach hunts after a small and after a large disturbance, as in the study controlled-hunting."""
-    from railjax.model.motion import PASSIVE
-    from railjax.reports.paper.studies.controlled_hunting import LARGE, SMALL, amplitudes, lowest
-    from railjax.simulation.simulate import initial_state
+    """Speeds (km/h) from which the coach hunts after a small and after a large disturbance."""
+    from railjax.tuning.onset import HUNTS, amplitudes, disturbances, first_onset
 
     speeds = np.arange(222.0, 254.0, 1.0)
-    small = np.asarray(initial_state(coach, PASSIVE, {"wheelset_y": SMALL}))
-    large = railjax.hunting_branch(coach).at(LARGE / 3.6).state
-    return {name: lowest(speeds, amplitudes(coach, law, start, speeds)) for name, start in (("small", small), ("large", large))}
+    quiet = [amplitudes(coach, law, start, speeds / 3.6) <= HUNTS for start in disturbances(coach)]
+    return {name: float(np.append(speeds, np.nan)[first_onset(one)]) for name, one in zip(("small", "large"), quiet, strict=True)}
 
 
 def fault_table(coach: Any, law: Any, count: int) -> dict[str, dict[str, float]]:

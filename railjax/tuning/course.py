@@ -70,7 +70,9 @@ def taken_up(path: str | Path, course: Course, fingerprint: dict[str, str]) -> C
         if different := differing(json.loads(str(kept["fingerprint"])), fingerprint):
             raise InputError(f"{path} is of another training: {different}; give keep= another name")
         structure = jax.tree.structure(_leaves_of(course))
-        weights, memory, prices, aims, best = structure.unflatten([kept[f"leaf_{k}"] for k in range(structure.num_leaves)])
+        weights, memory, prices, aims, best = structure.unflatten(
+            [jnp.asarray(kept[f"leaf_{k}"]) for k in range(structure.num_leaves)]
+        )
         episode, stale = (int(number) for number in kept["counts"])
         history = [tuple(float(number) for number in row) for row in kept["history"]]
         return Course(weights, memory, prices, aims, best, float(kept["best_score"]), stale, episode, history)

@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.batches import in_threads
-from ..base.compilation import jit, return_memory
+from ..base.compilation import jit
 from ..base.errors import InputError, NumericalError
 from ..base.fingerprint import described, lines
+from ..base.programs import return_memory
 from ..dampers.control.learned import LearnedDamper
 from ..model.motion import state_size
 from ..model.track.sampled import MARGIN, SampledTrack

@@ -6,43 +6,51 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ..base.arguments import guarded
 from ..base.checks import a_function, a_path, positive, whole
-from ..base.compilation import return_memory
 from ..base.errors import InputError
 from ..base.fingerprint import described
 from ..base.packing import as_numbers
 from ..base.precision import require_double_precision
+from ..base.programs import return_memory
 from ..base.progress import Clock, Progress
+from ..base.units import KMH
 from ..dampers.control.learned import LearnedDamper
 from ..model.parameters import without_labels
 from ..model.track.sampled import SampledTrack
 from ..model.vehicle import Vehicle
 from ..simulation.channels import check_channel
 from .course import Course, kept, taken_up, weights_of, with_weights
+from .onset import QuietSpeeds
 from .rides import Trial, as_tracks, others, together
 from .robust import Scatter
 from .teacher import SHARES, Teacher
 
 #: between which shares of its limit training holds something, so that validation rides, which differ from its own, keep the limit and use it
 AIMS = 0.9, 1.1
+#: shares of the way from the best weights to those of a trial that are tried where the vehicle hunts earlier with these
+WAY = 1.0, 0.5, 0.25
 
 
 @dataclasses.dataclass(frozen=True)
 class Training:
     """Result of `train`. Ratios, dimensionless, are of the trained law to the one that it was, over all validation rides: `comfort` of the weighted r.m.s.
     acceleration, `limited` of the r.m.s. of what has one of the `limits`, ratios too. `history` has a row a trial: the number of the episode, score,
-    comfort and what is limited, as ratios; `episodes` is the number done."""
+    comfort and what is limited, as ratios, a score without bound where the vehicle hunts earlier than it did; `quiet` are the highest speeds (m/s) at which
+    the vehicle did not hunt with the law that it was, after a small and after a large disturbance, nor does now: NaN where it did at the highest speed of
+    the rides already; `episodes` is the number done."""
 
     law: LearnedDamper
     comfort: float
     limited: dict[str, float]
     limits: dict[str, float]
     history: Float[np.ndarray, "validations columns"]  # episode, score, comfort, what is limited
+    quiet: tuple[float, float]  # m/s
     episodes: int
     seconds: float  # s
     finished: str
@@ -50,6 +58,10 @@ class Training:
     def __str__(self) -> str:
         gained = f"trained {self.law.origin}: {self.comfort:.3f} times the weighted acceleration on validation rides"
         held = [f"  {name} {value:.3f} times (limit {self.limits[name]:g})" for name, value in self.limited.items()]
+        kinds = zip(("small", "large"), self.quiet, strict=True)
+        speeds = [f"after a {kind} disturbance at {KMH * speed:.0f} km/h" for kind, speed in kinds if np.isfinite(speed)]
+        if speeds:
+            held.append(f"  hunts no earlier than it did: not {', not '.join(speeds)}")
         return "\n".join([gained, *held, f"  {self.episodes} episodes, {self.seconds:.0f} s, {self.finished}"])
 
 
@@ -85,7 +97,8 @@ def train(
     mean square of the weighted (Wd) acceleration of the floor, relative to that of the law as it was over the same ride, so that all speeds and
     tracks count alike; what has a limit is felt beyond it. Every few episodes the law is tried on the validation rides; the best is kept, and
     training ends after some trials without a better one. The same seed gives the same weights to the bit on one machine, also if it was stopped and
-    taken up again from `keep`. A vehicle that hunts with the law as it is is refused: a hunting run is never differentiated.
+    taken up again from `keep`. A vehicle that hunts with the law as it is is refused: a hunting run is never differentiated. Nor is a law taken for
+    better with which the vehicle hunts at a speed at which it did not with the law as it was, after a small or a large disturbance (`onset`).
 
     Args:
         vehicle: a single vehicle.
@@ -127,12 +140,15 @@ def train(
     teacher = Teacher(vehicle, law, track, range_, scatter, limits, windows, window, lanes, dt, seed)
     if not episodes:
         ratios = dict.fromkeys(limits, 1.0)
-        return Training(law, 1.0, ratios, limits, np.array([[0.0, 1.0, 1.0, *ratios.values()]]), 0, 0.0, "nothing done")
+        return Training(
+            law, 1.0, ratios, limits, np.array([[0.0, 1.0, 1.0, *ratios.values()]]), (np.nan, np.nan), 0, 0.0, "nothing done"
+        )
     trial = Trial(vehicle, law, others(tracks) if validation is None else validation, tuple(speeds), limits, dt)
     schedule_of = {"episodes": episodes, "learning_rate": learning_rate, "every": every, "patience": patience}
     told = teacher.fingerprint | {name: described(value) for name, value in schedule_of.items()}
     schedule = optax.cosine_decay_schedule(learning_rate, max(1, episodes * (windows - 1)), alpha=0.1)
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
+    quiet = QuietSpeeds(vehicle, law, max(speeds), dt)
     weights = weights_of(law)
     score, numbers = trial.score(law)
     return_memory()  # what the compiler needed for the rides, before it needs as much for the gradient
@@ -145,17 +161,10 @@ def train(
         course = teacher.episode(course, optimiser)
         if course.episode % every == 0 or course.episode == episodes:
             score, numbers = trial.score(with_weights(law, course.weights))
-            better = score < course.best_score
-            aims = aimed(course.aims, limits, numbers[1:])
-            course = course._replace(
-                # from a law with which it hunts, or worse than it was, nothing is learned
-                weights=course.weights if numbers[0] < 1.0 else course.best,
-                aims=aims,
-                best=course.weights if better else course.best,
-                best_score=min(score, course.best_score),
-                stale=0 if better else course.stale + 1,
-                history=[*course.history, (float(course.episode), score, *numbers)],
-            )
+            # from a law with which it hunts, or worse than it was, nothing is learned
+            weights = course.weights if numbers[0] < 1.0 else course.best
+            course = course._replace(weights=weights, aims=aimed(course.aims, limits, numbers[1:]))
+            course = tried(course, law, trial, quiet, score, numbers)
             if keep is not None:
                 kept(keep, course, told)
         if progress is not None:
@@ -168,10 +177,38 @@ def train(
         dict(zip(limits, best[3:], strict=True)),
         limits,
         np.array(course.history),
+        quiet.speeds,
         course.episode,
         time.monotonic() - began,
         finished,
     )
+
+
+def tried(
+    course: Course, law: LearnedDamper, trial: Trial, quiet: QuietSpeeds, score: float, numbers: tuple[float, ...]
+) -> Course:
+    """The course with its weights as the best, if they are better and the vehicle hunts no earlier with them; else, where that is all, with
+    those part of the way there from the best so far.
+
+    Args:
+        course: after an episode.
+        law: what is trained.
+        trial: validation rides.
+        quiet: speeds at which it must not hunt.
+        score: of the weights on the validation rides, dimensionless.
+        numbers: ratios there, dimensionless.
+    """
+    for share in WAY:
+        weights = jax.tree.map(lambda best, now, share=share: best + share * (now - best), course.best, course.weights)
+        if share != 1.0:
+            score, numbers = trial.score(with_weights(law, weights))
+        if not score < course.best_score:
+            break
+        if quiet.kept(with_weights(law, weights)):
+            history = [*course.history, (float(course.episode), score, *numbers)]
+            return course._replace(best=weights, best_score=score, stale=0, history=history)
+        score = np.inf
+    return course._replace(stale=course.stale + 1, history=[*course.history, (float(course.episode), score, *numbers)])
 
 
 def aimed(aims: dict[str, Any], limits: Mapping[str, float], found: Sequence[float]) -> dict[str, Any]:

@@ -56,6 +56,8 @@ def test_the_same_seed_gives_the_same_law_to_the_bit_also_after_a_stop(coach, la
     assert whole.episodes == 2
     assert whole.history.shape == (3, 4)
     assert whole.history[0, 1] == 1.0
+    assert all(60.0 < speed < 70.0 for speed in whole.quiet)  # m/s; below 227 and 241 km/h
+    assert "hunts no earlier" in str(whole)
     # killed in its second episode
     kept = tmp_path / "kept.npz"
 
@@ -127,3 +129,32 @@ def test_training_aims_lower_where_validation_was_beyond_a_limit_and_higher_wher
     np.testing.assert_allclose(list(aims.values()), [0.99, training.AIMS[0]])
     aims = training.aimed(aims, limits, (np.nan, np.nan))  # where a ride failed
     np.testing.assert_allclose(list(aims.values()), [0.99, training.AIMS[0]])
+
+
+def test_a_better_law_with_which_the_vehicle_hunts_earlier_is_not_taken(law):
+    """Part of the way there is, where it keeps quiet; the course goes on from where it stood."""
+    best, now = course.weights_of(law), jax.tree.map(lambda one: one + 1.0, course.weights_of(law))
+    began = course.Course(now, (), {}, {}, best, 1.0, 2, 5, [(0.0, 1.0, 1.0)])
+
+    class Rides:
+        scores = iter((0.93, 0.95))
+
+        def score(self, _):
+            return (found := next(self.scores)), (found,)
+
+    def after(quiet, score=0.9):
+        Rides.scores = iter((0.93, 0.95))
+        answers = iter(quiet)
+        judge = type("Quiet", (), {"kept": lambda self, _: next(answers)})()
+        return training.tried.__wrapped__(began, law, Rides(), judge, score, (score,))
+
+    whole, half, none, worse = after([True]), after([False, True]), after([False] * 3), after([], 1.1)
+    same(whole.best, now)
+    assert (whole.best_score, whole.stale, whole.history[-1]) == (0.9, 0, (5.0, 0.9, 0.9))
+    same(half.best, jax.tree.map(lambda a, b: a + 0.5 * (b - a), best, now))
+    assert (half.best_score, half.history[-1]) == (0.93, (5.0, 0.93, 0.93))
+    for course_after in (none, worse):
+        same(course_after.best, best)
+        assert (course_after.best_score, course_after.stale) == (1.0, 3)
+    assert none.history[-1] == (5.0, np.inf, 0.95)
+    same(half.weights, now)

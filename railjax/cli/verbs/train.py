@@ -120,6 +120,7 @@ def train(
         "comfort_ratio": found.comfort,
         "limited_ratios": found.limited,
         "limits": found.limits,
+        "quiet_kmh": dict(zip(("small", "large"), (float(speed) * KMH for speed in found.quiet), strict=True)),
         "episodes": found.episodes,
         "seconds": found.seconds,
         "finished": found.finished,

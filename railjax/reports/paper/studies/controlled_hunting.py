@@ -1,54 +1,21 @@
 """Beyond the paper: what the controlled damper does to hunting, to both critical speeds and to the limit cycles."""
 
-import jax.numpy as jnp
 import numpy as np
 
 from ....base.style import COLOURS, figure, legend_above
 from ....base.units import KMH
 from ....model.damper import Damper, PassiveDamper
-from ....model.motion import PASSIVE, state_size
-from ....model.vehicle import Vehicle
-from ....simulation.simulate import initial_state, simulate
+from ....model.motion import PASSIVE
+from ....simulation.simulate import initial_state
 from ....stability.hunting.branch import hunting_branch
+from ....tuning.onset import DURATION, HUNTS, LAST, SMALL, amplitudes, first_onset
 from ..study import Compared, Context, Outcome, Picture, Statement, study
 from .semiactive import paper_dampers
 
 #: km/h; speeds tried, and how far apart they lie
 SPEEDS = np.arange(180.0, 300.1, 2.0)
-#: m; displacement of all wheelsets that only linear instability keeps alive
-SMALL = 0.2e-3
 #: km/h; the large disturbance is the passive coach's limit cycle at this speed
 LARGE = 250.0
-DURATION, LAST = 60.0, 5.0  # s
-#: m; a wheelset that still moves more than this in the last seconds hunts
-HUNTS = 3e-3
-
-
-def amplitudes(vehicle: Vehicle, damper: Damper, start: np.ndarray, speeds: np.ndarray = SPEEDS) -> np.ndarray:
-    """Largest wheelset displacement (m) over the last seconds on even track, for each speed (km/h).
-
-    `start` is the state of the vehicle without the damper's own, which begin at rest.
-    """
-    at_rest = np.zeros(state_size(vehicle, damper) - len(start))
-    run = simulate(
-        vehicle,
-        jnp.asarray(speeds / KMH),
-        damper=damper,
-        duration=DURATION,
-        settle=DURATION - LAST,
-        sample=0.1,
-        initial=np.concatenate([start, at_rest]),
-        record=(),
-        reduce=["peak:wheelset_y"],
-    )
-    return np.asarray(run["peak:wheelset_y"]).max(axis=0)
-
-
-def lowest(speeds: np.ndarray, heights: np.ndarray) -> float:
-    """The lowest of the speeds from which on up the vehicle hunts, NaN where it does not at the highest."""
-    quiet = np.flatnonzero(~(heights > HUNTS))
-    first = 0 if len(quiet) == 0 else quiet[-1] + 1
-    return float(speeds[first]) if first < len(speeds) else np.nan
 
 
 @study("controlled-hunting", "Hunting with the controlled damper", beyond=True)
@@ -59,8 +26,9 @@ def controlled_hunting(context: Context) -> Outcome:
     # starts, and an independent computation of the passive coach's onsets
     branch = hunting_branch(coach)
     starts = np.asarray(initial_state(coach, PASSIVE, {"wheelset_y": SMALL})), branch.at(LARGE / KMH).state
-    found = {name: [amplitudes(coach, damper, start) for start in starts] for name, damper in dampers.items()}
-    onsets = {name: [lowest(SPEEDS, heights) for heights in both] for name, both in found.items()}
+    found = {name: [amplitudes(coach, damper, start, SPEEDS / KMH) for start in starts] for name, damper in dampers.items()}
+    speeds_and_none = np.append(SPEEDS, np.nan)
+    onsets = {name: [float(speeds_and_none[first_onset(heights <= HUNTS)]) for heights in both] for name, both in found.items()}
     with figure(rows=2, height=2.9, share_x=True) as (page, axes):
         for row, title in zip(range(2), ("from 0.2 mm", "from hunting"), strict=True):
             for k, (name, both) in enumerate(found.items()):
