@@ -18,8 +18,8 @@ DURATION, LAST = 60.0, 5.0  # s
 HUNTS = 3e-3
 #: of the lowest speed, up to which an onset is looked for; and how many speeds are tried at once, first all the way and then between two
 HIGHEST, COARSE, FINE = 1.3, 12, 6
-#: of the quiet speed, at which another law must keep quiet too
-BELOW = (1.0, 0.985, 0.97)
+#: of the quiet speed, at which another law must keep quiet too: half a percent is between one speed that is tried and the next
+BELOW = (0.99, 0.975, 0.96)
 
 
 def amplitudes(
@@ -100,7 +100,7 @@ class QuietSpeeds:
         return float(found[0]), float(found[1])
 
     def kept(self, law: Damper) -> bool:
-        """Whether another law keeps quiet there as well, and a little below."""
+        """Whether another law keeps quiet there as well, to one percent, and at two lower speeds."""
         speeds = np.outer(BELOW, np.nan_to_num(self.speeds, nan=1.0))
         quiet = self._quiet(law, speeds)
         return bool(np.all(quiet | np.isnan(self.speeds)))

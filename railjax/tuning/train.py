@@ -42,7 +42,7 @@ class Training:
     """Result of `train`. Ratios, dimensionless, are of the trained law to the one that it was, over all validation rides: `comfort` of the weighted r.m.s.
     acceleration, `limited` of the r.m.s. of what has one of the `limits`, ratios too. `history` has a row a trial: the number of the episode, score,
     comfort and what is limited, as ratios, a score without bound where the vehicle hunts earlier than it did; `quiet` are the highest speeds (m/s) at which
-    the vehicle did not hunt with the law that it was, after a small and after a large disturbance, nor does now: NaN where it did at the highest speed of
+    the vehicle did not hunt with the law that it was, after a small and after a large disturbance, nor does now, to one percent: NaN where it did at the highest speed of
     the rides already; `episodes` is the number done."""
 
     law: LearnedDamper
@@ -61,7 +61,7 @@ class Training:
         kinds = zip(("small", "large"), self.quiet, strict=True)
         speeds = [f"after a {kind} disturbance at {KMH * speed:.0f} km/h" for kind, speed in kinds if np.isfinite(speed)]
         if speeds:
-            held.append(f"  hunts no earlier than it did: not {', not '.join(speeds)}")
+            held.append(f"  hunts no earlier than it did, to one percent: not {', not '.join(speeds)}")
         return "\n".join([gained, *held, f"  {self.episodes} episodes, {self.seconds:.0f} s, {self.finished}"])
 
 
@@ -98,7 +98,8 @@ def train(
     tracks count alike; what has a limit is felt beyond it. Every few episodes the law is tried on the validation rides; the best is kept, and
     training ends after some trials without a better one. The same seed gives the same weights to the bit on one machine, also if it was stopped and
     taken up again from `keep`. A vehicle that hunts with the law as it is is refused: a hunting run is never differentiated. Nor is a law taken for
-    better with which the vehicle hunts at a speed at which it did not with the law as it was, after a small or a large disturbance (`onset`).
+    better with which the vehicle hunts more than one percent below the speed up to which it did not with the law as it was, after a small or a
+    large disturbance.
 
     Args:
         vehicle: a single vehicle.

@@ -94,8 +94,10 @@ class LearnedDamper(SampledLoop):
         vehicle, n = without_labels(vehicle), len(vehicle.geometry.bogie_pattern)
         names = controller.estimator.names
         scale = controller.estimator.usually(n)
-        # at rest the vehicle's own damping, or its hunting from small motions would be that of an open valve
-        rest = float(vehicle.secondary.damping_y)
+        # at rest the valve is shut, or hunting from small motions would be that of an open one: the coach's sets in 3 km/h later than with its own
+        # damping at rest, for 0.2 % of comfort
+        shut = controller.on.damping_max
+        rest = float(vehicle.secondary.damping_y if shut is None else shut)
         device = dataclasses.replace(controller.on, width=max(float(controller.on.width), WIDTH), damping_rest=rest)
         demand = np.full(n, 1e4)
 
