@@ -31,6 +31,7 @@ import numpy as np
 from jax.experimental import serialize_executable
 
 from .arguments import guarded
+from .checks import FLAG
 from .packing import Unlike
 from .source import digest_of_source
 
@@ -49,7 +50,7 @@ _loaded: list[dict] = []
 _heard = threading.local()
 
 
-@guarded(whole=None)
+@guarded(whole=FLAG)
 def keep_compiled(folder: str | Path | None = None, *, whole: bool = False) -> Path:
     """Keep what is compiled on disk, so that later processes need not compile it again; call it before anything is computed.
 
