@@ -64,6 +64,7 @@ def pytest_collection_finish() -> None:
 @pytest.fixture(autouse=True)
 def _memory():
     yield
+    railjax.keep_compiled()  # what a command line in this process has kept whole is no other test's
     pages = Path("/proc/self/statm")
     if pages.exists() and int(pages.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > HELD:
         forget_compiled()

@@ -152,7 +152,7 @@ def kept(function: Callable[..., Any], *parts: Any, **of_jit: Any) -> Callable[.
 
     @functools.wraps(function)
     def called(*arguments: Any) -> Any:
-        if _folder is None:
+        if _folder is None or jax.config.jax_disable_jit:
             return compiled(*arguments)
         leaves, structure = jax.tree.flatten(arguments)
         if not all(_known(leaf) for leaf in leaves):
@@ -163,7 +163,8 @@ def kept(function: Callable[..., Any], *parts: Any, **of_jit: Any) -> Callable[.
                 made_of = inspect.unwrap(function).__qualname__, function.__module__, parts, of_jit, *kinds
                 whole = _program(_folder, function, of_jit, made_of, arguments)
                 programs[kinds] = compiled if whole is None else whole
-        return programs[kinds](*arguments)
+            program = programs[kinds]
+        return program(*arguments)
 
     return called
 
@@ -183,7 +184,10 @@ def _known(leaf: Any) -> bool:
 def _program(
     folder: Path, function: Callable[..., Any], of_jit: dict, made_of: tuple, arguments: tuple
 ) -> Callable[..., Any] | None:
-    """The program for such arguments from the folder, or compiled and put there; None where it cannot be told from others."""
+    """The program for such arguments from the folder, or compiled and put there; None where it cannot be told from others, or is for another
+    device than the processor, whose kind and driver it would depend on."""
+    if jax.default_backend() != "cpu":
+        return None
     try:
         name = hashlib.sha256(_told((made_of, _surroundings())).encode()).hexdigest()
     except _Untold:
@@ -236,7 +240,7 @@ def _load(file: Path, structure: Any) -> Callable[..., Any]:
 
 def _surroundings() -> tuple:
     """What compiled code depends on beside what is compiled."""
-    states = "enable_x64", "debug_nans", "disable_jit", "default_matmul_precision"
+    states = "enable_x64", "debug_nans", "default_matmul_precision"
     settings = {name: value for name, value in os.environ.items() if name.startswith(("JAX_", "XLA_"))}
     here = jax.default_backend(), len(jax.local_devices())
     return _machine(), here, tuple(getattr(jax.config, f"jax_{state}") for state in states), settings

@@ -118,6 +118,8 @@ def test_a_whole_program_is_neither_traced_nor_compiled_again(folder, coach, mon
         assert not np.array_equal(stiffer, first)
         with pytest.raises(AssertionError, match="traced"):
             state_matrices(coach, 60.0, railjax.Skyhook(0.5))
+    with jax.disable_jit():
+        np.testing.assert_allclose(state_matrices(coach, 60.0, railjax.PassiveDamper()), first, rtol=1e-9, atol=1e-9)
     # torn on its way to the disk: made anew; and not kept where JAX's own cache had it, as it could not be written whole
     forget_compiled()
     file.write_bytes(file.read_bytes()[:1000])
