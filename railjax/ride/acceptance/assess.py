@@ -257,6 +257,7 @@ def _assess(criterion: Criterion, signals: dict[str, Values], frame: Frame, f0: 
     each = by_section(values, position, frame.starts, frame.ends, criterion.statistic)
     section, part = np.unravel_index(np.argmax(each), each.shape)
     start = frame.margin * frame.speed + frame.starts[section]
+    assert criterion.k is not None  # of those without, the largest window has been given back
     estimate = np.max(each.mean(axis=0) + criterion.k * each.std(axis=0, ddof=1)) if len(each) > 1 else np.nan
     return estimate, each[section, part], float(part + 1), start
 
