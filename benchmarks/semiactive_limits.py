@@ -228,11 +228,11 @@ def bound(coach: Any, device: Device, track: Any, speed: np.ndarray, start: Any)
 
 def onsets(coach: Any, law: Any) -> dict[str, float]:
     """Speeds (km/h) from which the coach hunts after a small and after a large disturbance."""
-    from railjax.tuning.onset import HUNTS, amplitudes, disturbances, first_onset
+    from railjax.tuning.onset import amplitudes, disturbances, onset
 
     speeds = np.arange(222.0, 254.0, 1.0)
-    quiet = [amplitudes(coach, law, start, speeds / 3.6) <= HUNTS for start in disturbances(coach)]
-    return {name: float(np.append(speeds, np.nan)[first_onset(one)]) for name, one in zip(("small", "large"), quiet, strict=True)}
+    starts = zip(("small", "large"), disturbances(coach), strict=True)
+    return {name: onset(speeds, amplitudes(coach, law, start, speeds / 3.6)) for name, start in starts}
 
 
 def fault_table(coach: Any, law: Any, count: int) -> dict[str, dict[str, float]]:

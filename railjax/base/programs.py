@@ -34,6 +34,7 @@ from .arguments import guarded
 from .checks import FLAG
 from .packing import Unlike
 from .source import digest_of_source
+from .whole_file import write_whole
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -207,11 +208,8 @@ def _program(
     with contextlib.suppress(Exception):  # what cannot be written is made again
         if _hits() == before:
             code, _, results = serialize_executable.serialize(program)
-            written = zlib.compress(pickle.dumps((code, results)), 1)
             folder.mkdir(parents=True, exist_ok=True)
-            beside = file.with_suffix(f".{os.getpid()}.part")
-            beside.write_bytes(written)
-            beside.replace(file)
+            write_whole(file, zlib.compress(pickle.dumps((code, results)), 1))
     return program
 
 
@@ -261,7 +259,8 @@ class _Untold(Exception):
 
 
 def _told(thing: Any) -> str:
-    """All that a program can depend on of a thing, in words."""
+    """All that a program can depend on of a thing, in words; stricter than `fingerprint.described`, which names by its class what it does
+    not know."""
     if isinstance(thing, Unlike):
         return ""
     if thing is None or isinstance(thing, bool | int | float | str | bytes):

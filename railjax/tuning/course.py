@@ -1,6 +1,7 @@
 """Where a training stands: weights, the optimiser's memory, prices and the best so far; and its file, from which it goes on."""
 
 import dataclasses
+import io
 import json
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +13,7 @@ from jaxtyping import Array, Float
 
 from ..base.errors import InputError
 from ..base.fingerprint import differing
+from ..base.whole_file import write_whole
 from ..dampers.control.learned import LearnedDamper
 
 #: trained as their logarithm
@@ -50,16 +52,14 @@ def _leaves_of(course: Course) -> tuple:
 
 
 def kept(path: str | Path, course: Course, fingerprint: dict[str, str]) -> None:
-    """Write where training stands, under another name first."""
-    leaves = jax.tree.leaves(_leaves_of(course))
-    path = Path(path)
-    beside = path.with_name(path.name + ".part.npz")
+    """Write where training stands."""
+    leaves, written = jax.tree.leaves(_leaves_of(course)), io.BytesIO()
     numbers = {f"leaf_{k}": np.asarray(leaf) for k, leaf in enumerate(leaves)}
     np.savez(
-        beside, fingerprint=json.dumps(fingerprint), history=np.array(course.history), counts=np.array([course.episode, course.stale]),
+        written, fingerprint=json.dumps(fingerprint), history=np.array(course.history), counts=np.array([course.episode, course.stale]),
         best_score=course.best_score, **numbers,
     )  # fmt: skip
-    beside.replace(path)
+    write_whole(Path(path), written.getvalue())
 
 
 def taken_up(path: str | Path, course: Course, fingerprint: dict[str, str]) -> Course:

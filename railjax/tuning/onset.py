@@ -64,6 +64,16 @@ def first_onset(quiet: Bool[np.ndarray, "speeds"]) -> int:
     return 0 if len(found) == 0 else int(found[-1]) + 1
 
 
+def onset(speeds: Float[np.ndarray, "speeds"], heights: Float[np.ndarray, "speeds"]) -> float:
+    """The lowest of rising speeds (in any unit) from which on up the vehicle hunts; NaN where it does not at the highest.
+
+    Args:
+        speeds: which were tried, m/s or km/h.
+        heights: `amplitudes` there, m.
+    """
+    return float(np.append(speeds, np.nan)[first_onset(heights <= HUNTS)])
+
+
 def disturbances(vehicle: Vehicle) -> tuple[Float[np.ndarray, "states"], Float[np.ndarray, "states"]]:
     """A small one and a large one: states of the vehicle with all wheelsets displaced to one side, or to alternate sides."""
     shape = layout(vehicle)["wheelset_y"]
@@ -92,11 +102,11 @@ class QuietSpeeds:
             speeds = np.linspace(low, high, count)
             quiet = self._quiet(law, speeds)
             for k in range(2):
-                onset = first_onset(quiet[:, k])
-                if onset > 0:
-                    found[k] = low[k] = speeds[onset - 1, k]
-                if onset < count:
-                    high[k] = speeds[onset, k]
+                first = first_onset(quiet[:, k])
+                if first > 0:
+                    found[k] = low[k] = speeds[first - 1, k]
+                if first < count:
+                    high[k] = speeds[first, k]
         return float(found[0]), float(found[1])
 
     def kept(self, law: Damper) -> bool:

@@ -18,6 +18,7 @@ from ...base.precision import require_double_precision
 from ...base.programs import forget_compiled, return_memory
 from ...base.source import digest_of_source
 from ...base.text import without_nan
+from ...base.whole_file import write_whole
 from ...vehicles.files import load_vehicle
 from . import page as report
 from .study import STUDIES, Context, Outcome, Study
@@ -90,7 +91,7 @@ def reproduce(
             started = time.perf_counter()
             part = _write(study, study.run(context), figures, fingerprint)
             part |= {"seconds": round(time.perf_counter() - started, 3), "peak_memory_mb": _peak_memory()}
-            _replace(path, json.dumps(part, indent=1))
+            write_whole(path, json.dumps(part, indent=1))
             last_of_group = index + 1 == len(chosen) or _group(chosen[index + 1]) != _group(study)
             (forget_compiled if last_of_group else return_memory)()
         made[study.name] = part
@@ -112,8 +113,8 @@ def reproduce(
         for study, part in found
         for picture in part["pictures"]
     ]
-    _replace(out / "results.json", json.dumps(results, indent=1) + "\n")
-    _replace(out / "report.html", report.render(results, pictures))
+    write_whole(out / "results.json", json.dumps(results, indent=1) + "\n")
+    write_whole(out / "report.html", report.render(results, pictures))
     return results
 
 
@@ -160,13 +161,6 @@ def _write(study: Study, outcome: Outcome, figures: Path, fingerprint: str) -> d
         ],
         "assumptions": outcome.assumptions,
     }
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write all or nothing, so that a run stopped here leaves no half file."""
-    beside = path.with_suffix(path.suffix + ".tmp")
-    beside.write_text(text, encoding="utf-8")
-    beside.replace(path)
 
 
 def _collect(parts: list[dict[str, Any]]) -> dict[str, Any]:

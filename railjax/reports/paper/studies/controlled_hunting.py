@@ -8,7 +8,7 @@ from ....model.damper import Damper, PassiveDamper
 from ....model.motion import PASSIVE
 from ....simulation.simulate import initial_state
 from ....stability.hunting.branch import hunting_branch
-from ....tuning.onset import DURATION, HUNTS, LAST, SMALL, amplitudes, first_onset
+from ....tuning.onset import DURATION, LAST, SMALL, amplitudes, onset
 from ..study import Compared, Context, Outcome, Picture, Statement, study
 from .semiactive import paper_dampers
 
@@ -27,8 +27,7 @@ def controlled_hunting(context: Context) -> Outcome:
     branch = hunting_branch(coach)
     starts = np.asarray(initial_state(coach, PASSIVE, {"wheelset_y": SMALL})), branch.at(LARGE / KMH).state
     found = {name: [amplitudes(coach, damper, start, SPEEDS / KMH) for start in starts] for name, damper in dampers.items()}
-    speeds_and_none = np.append(SPEEDS, np.nan)
-    onsets = {name: [float(speeds_and_none[first_onset(heights <= HUNTS)]) for heights in both] for name, both in found.items()}
+    onsets = {name: [onset(SPEEDS, heights) for heights in both] for name, both in found.items()}
     with figure(rows=2, height=2.9, share_x=True) as (page, axes):
         for row, title in zip(range(2), ("from 0.2 mm", "from hunting"), strict=True):
             for k, (name, both) in enumerate(found.items()):
